@@ -99,8 +99,7 @@ def _effect(effect: Any, effects: Iterable[Any]) -> str:
     from lagsplat.diagnose.effects.parameters import UNITS
 
     lines = [f"### `{effect.name}`"]
-    words = effect.description
-    lines.append(f"{words.what} *Symptom:* {words.symptom} *Remedy:* {words.remedy}")
+    lines.append(f"{effect.what} *Symptom:* {effect.symptom} *Remedy:* {effect.remedy}")
     lines.append(f"Equation: `{effect.equation}`. A recording needs {effect.needs or 'nothing special'}.")
     if effect.parameters:
         rows = [

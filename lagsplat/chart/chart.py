@@ -21,6 +21,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_fram
 KIND = "chart"
 SCHEMA = 1
 ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s", "rest")
+SETTINGS = ("n_train", "segments", "metric_scale", "smoothing_frames", "condition", "intrinsic_dimension")
 
 
 @dataclass(frozen=True)
@@ -94,20 +95,11 @@ def find_rest_image(recording: Recording, *, n_train: int, rest_frames: int) -> 
     return np.round(np.median(frames, axis=0, keepdims=True)).astype(np.uint8)
 
 
-def fit_chart(
-    autoencoder: Autoencoder,
-    recording: Recording,
-    config: ChartConfig,
-    *,
-    seed: int = 0,
-) -> Chart:
+def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfig, *, seed: int = 0) -> Chart:
     """Encode a recording, whiten its latents and measure how visible they are.
 
-    Only training frames decide the whitening, the metric and the dimension.
-
-    Args:
-        autoencoder, recording: the trained image model, and the recording that it was trained on.
-        config, seed: settings, and the random seed of the dimension estimate and the visibility frames.
+    Only training frames decide the whitening, the metric and the dimension. ``seed`` draws the frames that
+    measure the last two.
 
     Raises:
         ValueError: a latent axis without variance, a recording that is not divided, or a metric that cannot
@@ -127,9 +119,8 @@ def fit_chart(
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
     visible = measure_visibility(decode, q[np.sort(seen)], step=config.visibility_step)
-    rest = encode_frames(
-        autoencoder, find_rest_image(recording, n_train=n_train, rest_frames=config.rest_frames)
-    )
+    rest_image = find_rest_image(recording, n_train=n_train, rest_frames=config.rest_frames)
+    rest = encode_frames(autoencoder, rest_image)
     return Chart(
         mean=white.mean,
         whiten=white.whiten,
@@ -152,24 +143,13 @@ def fit_chart(
 
 def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> None:
     """Write a chart; ``header`` says how it was made."""
-    settings = {
-        "n_train": chart.n_train,
-        "segments": [list(segment) for segment in chart.segments],
-        "metric_scale": chart.metric_scale,
-        "smoothing_frames": chart.smoothing_frames,
-        "condition": chart.condition,
-        "intrinsic_dimension": chart.intrinsic_dimension,
-    }
+    settings = {name: getattr(chart, name) for name in SETTINGS}
     tensors = {name: getattr(chart, name) for name in ARRAYS}
     save_artifact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
 
 
 def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
-    """Read a chart and its header.
-
-    Raises:
-        ValueError: the file is no chart, or one of another schema.
-    """
+    """Read a chart and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     settings: dict[str, Any] = {name: tensors[name] for name in ARRAYS} | header["chart"]
     settings["segments"] = tuple((int(a), int(b)) for a, b in settings["segments"])

@@ -112,10 +112,8 @@ class EncodedTrajectory:
         )
 
 
-EVEN = 1e-4
-"""Relative deviation from the median spacing up to which a clock counts as even; it bounds the relative
-error of a frequency.
-"""
+EVEN = 1e-4  # deviation from the median spacing up to which a clock is even: bounds the error of a frequency
+TRUNCATE = 4.0  # reach of the smoothing kernel, in its sigmas
 
 
 def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> TimeBase:
@@ -135,9 +133,6 @@ def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[i
     return TimeBase(dt_s, None if even else time_s)
 
 
-TRUNCATE = 4.0
-
-
 def smooth_trajectory(
     series: Series,
     *,
@@ -151,11 +146,7 @@ def smooth_trajectory(
     frequency depends on amplitude; twicing shrinks it by 0.2 %. The kernel is cut at 4 sigma and each
     segment is smoothed alone, continued beyond its ends by point reflection, so that a steady motion stays
     steady. The filter is not causal. Samples outside every segment are unchanged. On an uneven clock the
-    value is that of a line fitted with weights at the true times.
-
-    Args:
-        series, sigma_frames: (T, m), and sigma in median spacings; 0 returns a copy.
-        segments, clock: half-open clips, and the time base (None is even).
+    value is that of a line fitted with weights at the true times. A sigma of 0 returns a copy.
 
     Source: twicing, Tukey 1977, "Exploratory Data Analysis", section 16.
     """
@@ -174,8 +165,8 @@ def _blurred(
         if clock is None or clock.time_s is None:
             reach = int(TRUNCATE * sigma_frames + 0.5)
             longer = _beyond(series[part], reach)
-            found = gaussian_filter1d(longer, sigma_frames, axis=0, truncate=TRUNCATE)
-            smoothed[part] = found[reach : len(longer) - reach]
+            blurred = gaussian_filter1d(longer, sigma_frames, axis=0, truncate=TRUNCATE)
+            smoothed[part] = blurred[reach : len(longer) - reach]
         else:
             smoothed[part] = _local_lines(series[part], clock.time_s[part] / clock.dt_s, sigma_frames)
     return smoothed
@@ -201,7 +192,6 @@ def _local_lines(series: Series, time: np.ndarray, sigma: float) -> Series:
 
 def _beyond(series: np.ndarray, reach: int) -> np.ndarray:
     """``series`` with ``reach`` more samples at either end, by point reflection."""
-    around = ((reach, reach), (0, 0))
     if len(series) == 1:
-        return np.pad(series, around, mode="edge")
-    return np.pad(series, around, mode="reflect", reflect_type="odd")
+        return np.repeat(series, 2 * reach + 1, axis=0)
+    return np.pad(series, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")

@@ -14,20 +14,17 @@ from lagsplat.array_types import Series
 Decode = Callable[[Float[Tensor, "B d"]], Tensor]  # images `(B, 3, H, W)` at whitened latents `(B, d)`
 
 CHUNK = 32
-LARGEST_ERROR = 0.3
-"""Maximum relative difference of the two step sizes: above it noise or curvature dominates."""
+LARGEST_ERROR = 0.3  # relative difference of the two step sizes, above which noise or curvature dominates
 
 
 @dataclass(frozen=True)
 class Visibility:
     """``metric`` has trace ``d``; ``metric * scale`` is the mean squared image change per whitened unit,
-    summed over pixels and channels. ``relative_error`` is the disagreement of two difference steps, and
-    ``condition`` the ratio of the extreme eigenvalues.
+    summed over pixels and channels. ``condition`` is the ratio of the extreme eigenvalues.
     """
 
     metric: Float64[np.ndarray, "d d"]
     scale: float
-    relative_error: float
     condition: float
 
 
@@ -36,8 +33,8 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
 
     Differences of width ``step`` and ``2 step`` are combined by Richardson's rule, exact to fourth order.
     The rasteriser drops a Gaussian below 1/255 of opacity: the effect of such a jump grows as the step
-    shrinks, while a long step sees curvature. On 2048 trained Gaussians at 32x32 the trace is level within 2
-    % between 0.01 and 0.04 whitened units and 9 % low at 0.16.
+    shrinks, while a long step sees curvature. On 2048 trained Gaussians the trace is level within 2 % between
+    0.01 and 0.04 whitened units.
 
     Raises:
         ValueError: the two steps give metrics that differ by three tenths, or the image does not change.
@@ -53,33 +50,19 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
         sharp = sharp + _gram((4.0 * slope - wide) / 3.0) / len(q)
     size = np.linalg.norm(near)
     if not size > 0.0:
-        raise ValueError("no latent direction changes the picture: check what stage 1 learned")
+        raise ValueError("no latent direction changes the image: check what stage 1 learned")
     error = float(np.linalg.norm(near - far) / size)
     if error > LARGEST_ERROR:
         raise ValueError(
             f"the visibility metric changes by {error:.0%} between difference steps {step:g} and "
-            f"{2 * step:g} whitened units: change chart.visibility_step (smaller where the picture bends, "
+            f"{2 * step:g} whitened units: change chart.visibility_step (smaller where the image bends, "
             "larger where it flickers)"
         )
-    return normalize_visibility(sharp, relative_error=error)
-
-
-def measure_exact_visibility(decode: Decode, q: Series) -> Visibility:
-    """The visibility by reverse-mode differentiation of one image at a time; exact, but slow."""
-    total = np.zeros((q.shape[1], q.shape[1]))
-    for row in torch.from_numpy(np.ascontiguousarray(q)):
-        slope = torch.autograd.functional.jacobian(lambda x: decode(x[None])[0].double(), row)
-        total += _gram(slope.flatten(0, -2).T[None]) / len(q)
-    return normalize_visibility(total, relative_error=0.0)
-
-
-def normalize_visibility(gram: Float64[np.ndarray, "d d"], *, relative_error: float) -> Visibility:
-    """Split a metric into one of trace ``d`` and its scale."""
-    symmetric = 0.5 * (gram + gram.T)
-    scale = float(np.trace(symmetric)) / len(gram)
+    symmetric = 0.5 * (sharp + sharp.T)
+    scale = float(np.trace(symmetric)) / len(symmetric)
     values = np.linalg.eigvalsh(symmetric)
     condition = float(values[-1] / values[0]) if values[0] > 0.0 else float("inf")
-    return Visibility(symmetric / scale, scale, relative_error, condition)
+    return Visibility(symmetric / scale, scale, condition)
 
 
 @torch.no_grad()
@@ -98,11 +81,7 @@ def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, see
     """Maximum-likelihood dimension of a random subsample of whitened latents; 1 for a single coordinate.
 
     The estimate depends on the scale of the neighbourhood: noise raises it, a coordinate that hardly moves
-    lowers it.
-
-    Args:
-        q: whitened latents (T, d).
-        frames, neighbours, seed: size of the sample, neighbours of each frame, and random seed.
+    lowers it. ``frames`` is the size of the sample, ``neighbours`` those of each frame.
 
     Raises:
         ValueError: fewer different frames than neighbours.
@@ -125,12 +104,11 @@ def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, see
 
 @dataclass(frozen=True)
 class Whitening:
-    """``q = (z - mean) @ whiten`` and ``z = mean + q @ unwhiten``; ``variance`` of each axis in raw units."""
+    """``q = (z - mean) @ whiten`` and ``z = mean + q @ unwhiten``."""
 
     mean: Float64[np.ndarray, " d"]
     whiten: Float64[np.ndarray, "d d"]
     unwhiten: Float64[np.ndarray, "d d"]
-    variance: Float64[np.ndarray, " d"]
 
 
 def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
@@ -159,9 +137,8 @@ def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
         raise ValueError(
             f"d = {z.shape[1]} is larger than the data can carry: the latent variances along their "
             f"principal axes are {listed}, and only {np.count_nonzero(carried)} exceed {eigenvalue_floor:g} "
-            "of the largest. "
-            f"Set system.d={max(1, np.count_nonzero(carried))}, or train stage 1 longer"
+            f"of the largest. Set system.d={max(1, np.count_nonzero(carried))}, or train stage 1 longer"
         )
     axes = axes * np.sign(axes[np.abs(axes).argmax(0), np.arange(len(mean))])
     scale = np.sqrt(variance)
-    return Whitening(mean=mean, whiten=axes / scale, unwhiten=(axes * scale).T.copy(), variance=variance)
+    return Whitening(mean=mean, whiten=axes / scale, unwhiten=(axes * scale).T.copy())

@@ -1,5 +1,4 @@
-"""Forces given in the image or in space: what they act on, their generalised force, and the answer of the
-law.
+"""Forces given in the image or in space: what they act on, their generalised force, and the law's answer.
 
 `grasp` finds the matter under a brush or a ray (`grasp_brush`, `GraspPoint`), `equilibrium` the state under
 a constant load (`hold_at_load`, `OperatingPoint`), and `loaded_lagrangian` the motion under a force

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
-from lagsplat.array_types import Inputs, Latents
+from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.grasp import GraspPoint, MatterKinematics, compute_kinematics
 from lagsplat.forces.loaded_lagrangian import LoadedLagrangian
@@ -20,12 +20,10 @@ from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
 
 ITERATIONS = 200
-TOLERANCE = 1e-10
-"""Largest remaining force, relative to the load plus the force of a whitened unit at the start."""
+TOLERANCE = 1e-10  # largest remaining force, relative to the load plus the stiffness at the start
 LEAST_CURVATURE = 1e-6  # smallest curvature in a Newton step, relative to the largest
 DECREASE = 1e-4  # Armijo's constant: share of the predicted decrease that a step must reach
-UNRESOLVED = 1e-12
-"""Predicted decrease, relative to 1 plus the energy, that rounding hides: the step is accepted."""
+UNRESOLVED = 1e-12  # predicted decrease, relative to 1 plus the energy, that rounding hides: a step is taken
 SHORTEST = 2.0**-40  # smallest factor on a Newton step
 
 
@@ -47,13 +45,7 @@ def settle(
     their absolute value, so that every step descends; a step is halved until the energy falls by Armijo's
     rule. The energy is coercive because the quadratic floor of ``V`` outgrows the linear work of a load.
     Hence its lower level sets are compact and every limit point is stationary for any network and load.
-
-    Args:
-        law: the law.
-        u: constant inputs, one row per equilibrium.
-        load: generalised forces, one row per equilibrium.
-        edits: factors on damping, inertia and stiffness.
-        start: first state of the iteration; the rest state of the law if not given.
+    ``start`` is the first state of the iteration, by default the rest state of the law.
 
     Raises:
         NotSettledError: the load is so large that energies overflow, or the iterations do not suffice.
@@ -83,19 +75,17 @@ def settle(
 
 
 def compute_loaded_energy(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, " B"]:
-    """Compute ``V - u.nu``, less the work of the load if there is one."""
+    """``V - u.nu``, less the work of the load if there is one."""
     return law.potential(q) - (law.volume(q, u) * u).sum(1)
 
 
 def compute_static_stiffness(law: Lagrangian, q: Latents, u: Inputs) -> Float[Tensor, "B d d"]:
-    """Compute the symmetric Hessian of the energy at ``q``."""
+    """The symmetric Hessian of the energy at ``q``."""
     return _slopes(law, q, u, law.prepare())[1]
 
 
-def _slopes(
-    law: Lagrangian, q: Latents, u: Inputs, ready: PreparedCoefficients
-) -> tuple[Latents, Float[Tensor, "B d d"]]:
-    """Compute the force at ``q`` and the symmetric Hessian of the energy."""
+def _slopes(law: Lagrangian, q: Latents, u: Inputs, ready: PreparedCoefficients) -> tuple[Latents, Spd]:
+    """The force at ``q`` and the symmetric Hessian of the energy."""
     with torch.enable_grad():
         point = q.detach().requires_grad_()
         force = law.conservative_force(point, u, ready)
@@ -105,9 +95,7 @@ def _slopes(
 
 
 @torch.no_grad()
-def _descend(
-    law: Lagrangian, q: Latents, u: Inputs, force: Latents, hessian: Float[Tensor, "B d d"]
-) -> Latents:
+def _descend(law: Lagrangian, q: Latents, u: Inputs, force: Latents, hessian: Spd) -> Latents:
     values, vectors = torch.linalg.eigh(hessian.nan_to_num())
     size = values.abs()
     size = size.clamp(min=LEAST_CURVATURE * size.amax(1, keepdim=True).clamp(min=1e-300))
@@ -130,7 +118,7 @@ def _polish(
     q: Latents,
     u: Inputs,
     force: Latents,
-    hessian: Float[Tensor, "B d d"],
+    hessian: Spd,
     ready: PreparedCoefficients,
 ) -> Latents:
     """Take one more Newton step where it lowers the force; responses are small differences of equilibria."""
@@ -149,8 +137,7 @@ STILL = 1e-6  # share of the largest Jacobian below which matter does not move
 class OperatingPoint:
     """A law at rest in the state ``rest`` (d,) under the constant inputs ``u`` (n_u,).
 
-    ``visited_radius`` is the 99th percentile of the distances of the training states from rest [whitened
-    units].
+    ``visited_radius`` [whitened units] is the 99th percentile of the distances of training states from rest.
 
     Example:
         >>> import lagsplat
@@ -214,10 +201,8 @@ def hold_at_load(
     inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
     rest = settle(law, inputs[None], torch.zeros(1, law.d, dtype=torch.float64))[0]
     away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)
-    reach = float(np.quantile(away, VISITED))
-    return OperatingPoint(
-        autoencoder, chart, law, compute_kinematics(autoencoder, chart), inputs, rest, reach
-    )
+    kinematics, reach = compute_kinematics(autoencoder, chart), float(np.quantile(away, VISITED))
+    return OperatingPoint(autoencoder, chart, law, kinematics, inputs, rest, reach)
 
 
 SIZES = 81  # energy scales among which the answer is interpolated
@@ -241,15 +226,10 @@ def fit_energy_scale(
     jacobian: Float64[np.ndarray, "P n d"],
     measured: Float64[np.ndarray, "P n"],
 ) -> float:
-    """Fit the factor kappa with which the response to ``kappa load`` matches the measured displacements.
+    """Fit the factor kappa with which the response to ``kappa load`` matches ``measured`` displacements [px].
 
-    One push decides; kappa holds for the whole model.
-
-    Args:
-        operating_point: the run at rest.
-        load: the generalised force of a known force.
-        jacobian: Jacobians of the observed points [px per whitened unit].
-        measured: their measured displacements [px].
+    One push decides; kappa holds for the whole model. ``jacobian`` [px per whitened unit] is of the observed
+    points.
 
     Raises:
         NoScaleError: the response does not grow along the measured displacements.
@@ -259,9 +239,8 @@ def fit_energy_scale(
     direction = torch.from_numpy(load)
 
     def motion_ratios(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-        away = (
-            operating_point.equilibria(torch.from_numpy(sizes)[:, None] * direction) - operating_point.rest
-        ).numpy()
+        states = operating_point.equilibria(torch.from_numpy(sizes)[:, None] * direction)
+        away = (states - operating_point.rest).numpy()
         return compute_motion_ratio(np.einsum("pcd,nd->npc", jacobian, away), measured)
 
     small = 1e-3 * operating_point.visited_radius / max(float(np.linalg.norm(load)), 1e-300)

@@ -15,8 +15,7 @@ from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.decoder_mass import DecoderGeometry, compute_decoder_geometry
 
 Point = tuple[float, float]  # x to the right and y down [px]; the first pixel's centre is (0.5, 0.5)
-Place = tuple[float, float, float]
-"""x, y and z in space, z pointing away from the recording camera [px at the pivot]."""
+Place = tuple[float, float, float]  # the same in space, z away from the recording camera [px at the pivot]
 
 
 class NoMatterError(ValueError):
@@ -94,16 +93,10 @@ def grasp_brush(
 ) -> GraspPoint:
     """Grasp what is visible around ``at`` with weights ``w_i ~ alpha_i exp(-|mu_i - x|^2 / 2 radius^2)``.
 
-    Args:
-        kinematics: the Gaussians; ``alpha_i`` is their opacity times gate at ``q``.
-        q: whitened state.
-        at: position of the click [px].
-        radius: radius of the brush [px].
-        least: smallest total opacity under the brush that can be grasped.
+    ``alpha_i`` is opacity times gate at ``q``; ``least`` is the smallest sum of weights that can be grasped.
 
     Raises:
-        NoMatterError: the point is outside the image, no Gaussian is visible at this state, or none under
-            the brush.
+        NoMatterError: outside the image, or no Gaussian is visible at this state or under the brush.
         ValueError: a radius that is not positive, or a point or state that is not finite.
 
     Source: paper, "Interaction and Inference".
@@ -136,9 +129,8 @@ def grasp_nearest(
 def grasp_along_ray(kinematics: MatterKinematics, q: Float[Tensor, " d"], gaussian: int) -> GraspPoint:
     """Grasp the Gaussian with the number ``gaussian``, for instance of a `RayHit`, at its centre."""
     place = kinematics.places(q[None])[0, gaussian]
-    weights = torch.zeros(len(kinematics.center), dtype=torch.float64).index_fill(
-        0, torch.tensor(gaussian), 1.0
-    )
+    weights = torch.zeros(len(kinematics.center), dtype=torch.float64)
+    weights[gaussian] = 1.0
     return GraspPoint(weights, kinematics.geometry.jacobian[gaussian], place, q)
 
 
@@ -181,12 +173,9 @@ def _make_grasp_point(
 
 def compute_kinematics(autoencoder: Autoencoder, chart: Chart) -> MatterKinematics:
     """The kinematics of a decoder in the whitened coordinates of a chart (float64)."""
-    return MatterKinematics(
-        geometry=compute_decoder_geometry(autoencoder, chart),
-        center=autoencoder.gaussians.center.detach().cpu().double(),
-        height=autoencoder.height,
-        width=autoencoder.width,
-    )
+    center = autoencoder.gaussians.center.detach().cpu().double()
+    geometry = compute_decoder_geometry(autoencoder, chart)
+    return MatterKinematics(geometry, center, autoencoder.height, autoencoder.width)
 
 
 STOPPED = 0.5  # transmittance below which a ray has hit the Gaussian that the pixel shows
@@ -218,15 +207,8 @@ def cast_ray(
     """Find the Gaussian that the camera ``view`` shows in ``pixel`` at the whitened state ``q``.
 
     The ray passes the Gaussians from near to far with the alpha that each has in the pixel, as in
-    compositing, and hits the one at which half of its light is absorbed.
-
-    Args:
-        autoencoder: the decoder with its Gaussians.
-        chart: maps whitened to raw latents.
-        q: whitened state.
-        view: the camera.
-        pixel: position in its image [px].
-        size: height and width of the image [px]; those of training if not given.
+    compositing, and hits the one at which half of its light is absorbed. ``size`` is the image's height and
+    width [px], by default those of training.
 
     Raises:
         NoMatterError: the pixel is outside the image, or the ray is absorbed by less than half.

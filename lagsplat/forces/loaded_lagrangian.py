@@ -32,9 +32,7 @@ class LoadedLagrangian(Lagrangian):
         torch.nn.Module.__init__(self)
         self.__dict__.update(base.__dict__)
         if not bool(torch.isfinite(load).all()):
-            raise ValueError(
-                "a force is not finite: give it as finite numbers, in pixels and energy per pixel"
-            )
+            raise ValueError("a force is not finite: give finite numbers, in pixels and energy per pixel")
         self.load, self.edits = load, edits
 
     def mass(self, q: Latents) -> Spd:
@@ -102,10 +100,7 @@ def rollout_under_force(
 
 
 class TorchLagrangian:
-    """A law with its edits for one state at a time, in tensors, for masses induced by the decoder.
-
-    It has the methods of `NumpyLagrangian`.
-    """
+    """A law for one state at a time as `NumpyLagrangian`, in tensors, for masses induced by the decoder."""
 
     def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
         self.edits, self.unit_s = edits, float(law.time_unit_s)
@@ -151,14 +146,10 @@ def _row(x: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(x)[None]
 
 
-FastLagrangian = NumpyLagrangian | TorchLagrangian
-"""A law with its edits that is fast for one state at a time."""
+FastLagrangian = NumpyLagrangian | TorchLagrangian  # fast for one state at a time
 
 
 def make_fast_lagrangian(law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> FastLagrangian:
     """Convert a law with its edits to arrays, or to tensors where the decoder induces the mass."""
-    return (
-        TorchLagrangian(law, edits=edits)
-        if isinstance(law.mass_term, InducedMass)
-        else NumpyLagrangian(law, edits=edits)
-    )
+    induced = isinstance(law.mass_term, InducedMass)
+    return TorchLagrangian(law, edits=edits) if induced else NumpyLagrangian(law, edits=edits)

@@ -13,9 +13,7 @@ from lagsplat.chart.chart import Chart
 from lagsplat.forces.grasp import Point
 from lagsplat.stage1.autoencoder import Autoencoder
 
-OUTLINE = 0.5
-"""Share of the largest motion around a pixel from which it belongs to the object. The background beside the
-object moves less, because a decoder lets it move a little, too."""
+OUTLINE = 0.5  # share of the largest motion nearby from which a pixel is the object, not the wall beside it
 SMOOTH = 0.02  # width of the filter before the segmentation, as a share of the longer side
 AROUND = 5  # neighbourhoods along the longer side of the image
 LEAST = 0.15  # share of the 98th percentile of all motions: neighbourhoods that move less contain no object
@@ -26,14 +24,10 @@ TIP = 0.85  # position of the tip along the same length
 
 @dataclass(frozen=True)
 class MovingParts:
-    """Motion of the matter in each pixel at a state.
+    """Motion of the matter in each pixel at a state."""
 
-    ``jacobian`` (H, W, n, d) is its motion per whitened unit [px], ``motion`` (H, W) the norm relative to the
-    98th percentile.
-    """
-
-    jacobian: Float64[np.ndarray, "H W n d"]
-    motion: Float64[np.ndarray, "H W"]
+    jacobian: Float64[np.ndarray, "H W n d"]  # motion per whitened unit [px]
+    motion: Float64[np.ndarray, "H W"]  # its norm, relative to the 98th percentile
 
     @cached_property
     def relative(self) -> Float64[np.ndarray, "H W"]:

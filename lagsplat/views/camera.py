@@ -40,8 +40,7 @@ class Camera:
         turn = self.rotation
         if turn.shape != (3, 3) or self.position.shape != (3,):
             raise ValueError(
-                f"a camera's rotation is 3 x 3 and its position has 3 entries, got shapes {turn.shape} and "
-                f"{self.position.shape}"
+                f"a camera has a 3 x 3 rotation and 3 coordinates, not {turn.shape} and {self.position.shape}"
             )
         if not (np.isfinite(turn).all() and np.isfinite(self.position).all()):
             raise ValueError("a camera's pose is not finite; calibrate it again")
@@ -52,10 +51,8 @@ class Camera:
                 f"is {np.linalg.det(turn):.4g}; give the world-to-camera rotation in OpenCV's axes (x right, "
                 "y down, z ahead), orthonormal and with determinant 1"
             )
-        if (
-            not min(*self.focal, self.height, self.width) > 0
-            or not np.isfinite([*self.focal, *self.middle]).all()
-        ):
+        positive = min(*self.focal, self.height, self.width) > 0
+        if not positive or not np.isfinite([*self.focal, *self.middle]).all():
             raise ValueError(
                 f"a camera of {self.height} x {self.width} pixels, focal lengths {self.focal} and principal "
                 f"point {self.middle}: sizes and focal lengths are positive, in pixels"
@@ -103,13 +100,7 @@ class Camera:
 def center_camera(
     rotation: Float64[np.ndarray, "3 3"], position: Point, *, focal: float, height: int, width: int
 ) -> Camera:
-    """A camera with square pixels and the principal point at the image centre.
-
-    Args:
-        rotation, position: World-to-camera rotation, and position in the world.
-        focal: Focal length [pixel].
-        height, width: Size of the image [pixel].
-    """
+    """A camera with square pixels, focal length [pixel], and the principal point at the image centre."""
     return Camera(rotation, position, (focal, focal), (0.5 * width, 0.5 * height), height, width)
 
 
@@ -123,14 +114,10 @@ def look_at(
     height: int,
     width: int,
 ) -> Camera:
-    """A camera that sees ``target`` at the image centre.
+    """A camera that sees ``target`` at the image centre, from a ``distance`` [m].
 
-    Args:
-        target: Point in the world [m].
-        distance: From the target [m].
-        yaw_deg, pitch_deg: Move the camera right and up around the target; zero is the frontal view.
-        view_width: Width of the view at the target's distance [m].
-        height, width: Size of the image [pixel].
+    The angles move it right and up around the target: zero is the frontal view. ``view_width`` [m] is that of
+    the view at the target.
     """
     turn = turn_camera(yaw_deg, pitch_deg)
     focal = width * distance / view_width
@@ -146,20 +133,13 @@ def turn_camera(yaw_deg: float, pitch_deg: float) -> Float64[np.ndarray, "3 3"]:
 
 
 def orbit_camera(camera: Camera, depth: float, *, yaw_deg: float, pitch_deg: float) -> Camera:
-    """Move ``camera`` around a point ahead of it, which keeps its image point.
-
-    Args:
-        camera: The camera.
-        depth: Distance of the point [unit of the world].
-        yaw_deg, pitch_deg: To the right and up [degree].
-    """
+    """Move ``camera`` right and up around the point ``depth`` ahead of it, which keeps its image point."""
     pivot = camera.position + depth * camera.rotation[2]
     rotation = turn_camera(yaw_deg, pitch_deg) @ camera.rotation
     return replace(camera, rotation=rotation, position=pivot - depth * rotation[2])
 
 
-BETWEEN = 0.55
-"""Share of the extents: ellipse of the held-out cameras, off the rows and columns of the others."""
+BETWEEN = 0.55  # ellipse of the held-out cameras as a share of the extents: between the other cameras
 START = 0.4  # angle of the first held-out camera [rad]
 
 
@@ -223,8 +203,7 @@ def arrange_cameras(
     All are the reference camera moved on a sphere about the pivot of ``space``, which keeps its image point.
     Returns cameras, their names and whether each is held out.
     """
-    yaws = _ticks(config.yaw_deg, config.columns)
-    pitches = _ticks(config.pitch_deg, config.rows)
+    yaws, pitches = _ticks(config.yaw_deg, config.columns), _ticks(config.pitch_deg, config.rows)
     angles = [(yaw, pitch, False) for pitch in pitches for yaw in yaws]
     turns = START + 2 * np.pi * np.arange(config.held_out) / max(config.held_out, 1)
     angles += [

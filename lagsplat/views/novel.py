@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, UInt8
+from jaxtyping import Bool, UInt8
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
@@ -42,17 +42,17 @@ class NovelViews:
         count, height, width = self.images.shape[1:4]
         if not len(self.cameras) == len(self.names) == len(self.held_out) == count:
             raise ValueError(
-                f"{count} pictures an instant, but {len(self.cameras)} cameras, {len(self.names)} names and "
-                f"{len(self.held_out)} marks of what is held out: give one of each a picture"
+                f"{count} images an instant, but {len(self.cameras)} cameras, {len(self.names)} names and "
+                f"{len(self.held_out)} marks of what is held out: give one of each per image"
             )
         for name, camera in zip(self.names, self.cameras, strict=True):
             if (camera.height, camera.width) != (height, width):
                 raise ValueError(
-                    f"camera {name!r} is of {camera.height} x {camera.width} pixels and its pictures of "
+                    f"camera {name!r} is of {camera.height} x {camera.width} pixels and its images of "
                     f"{height} x {width}: resize one of them, the camera with `resized`"
                 )
         if self.cover is not None and self.cover.shape != self.images.shape[:4]:
-            raise ValueError(f"cover of shape {self.cover.shape} for pictures of shape {self.images.shape}")
+            raise ValueError(f"cover of shape {self.cover.shape} for images of shape {self.images.shape}")
         if self.held_out.all():
             raise ValueError(f"all {count} cameras are held out; leave some to train on")
 
@@ -68,21 +68,16 @@ class NovelViews:
 
 
 def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> None:
-    """Check that views have these frames' instants and reference camera.
-
-    Raises:
-        ValueError: says what differs.
-    """
+    """Raise a ValueError unless views have these frames' instants and the size of their reference camera."""
     count, height, width, _ = frames.shape
     reference = views.space.reference
     if len(views.images) != count:
         raise ValueError(
-            f"novel views of {len(views.images)} instants for {count} frames: make them again from this "
-            "recording"
+            f"novel views of {len(views.images)} instants for {count} frames: make them from this recording"
         )
     if (reference.height, reference.width) != (height, width):
         raise ValueError(
-            f"the views' reference camera is of {reference.height} x {reference.width} pixels and the film "
+            f"the views' reference camera is of {reference.height} x {reference.width} pixels and the frames "
             f"of {height} x {width}: make the views again from this recording"
         )
 
@@ -102,11 +97,7 @@ def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[
 
 
 def load_views(path: str | os.PathLike[str]) -> NovelViews:
-    """Load the views at ``path``; images are a read-only memory map.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
-    """
+    """Load the views at ``path``, errors as `load_artifact`; images are a read-only memory map."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
     return NovelViews(
         images=tensors["images"],
@@ -132,37 +123,31 @@ def read_camera(values: Mapping[str, Any]) -> Camera:
 
 def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
     """All parameters of the cameras as bytes, for a digest."""
-    rows: list[Float64[np.ndarray, " n"]] = [
-        np.array([*c.rotation.ravel(), *c.position, *c.focal, *c.middle, c.height, c.width]) for c in cameras
-    ]
-    return np.stack(rows).tobytes()
+    rows = [[*c.rotation.ravel(), *c.position, *c.focal, *c.middle, c.height, c.width] for c in cameras]
+    return np.array(rows, dtype=np.float64).tobytes()
 
 
 def collect_filmed_views(
-    rig: Rig, recording: Recording, film: Path, read: Callable[[Path], Recording]
+    rig: Rig, recording: Recording, video: Path, read: Callable[[Path], Recording]
 ) -> NovelViews:
-    """Read the videos of the rig's other cameras as views of the recording.
+    """Read the videos of the rig's other cameras as views of the recording, which comes from ``video``.
 
-    Args:
-        rig: The calibrated cameras.
-        recording: Read from the reference camera's video.
-        film: File of that video.
-        read: Reads another video with the recording's settings and size.
+    ``read`` reads another video with the recording's settings and size.
 
     Raises:
         ValueError: a video has another size than its camera, or other instants than the recording.
     """
-    _require_size("the reference", rig.space.reference, film)
-    pictures = []
+    _require_size("the reference", rig.space.reference, video)
+    images = []
     for each in rig.others:
         assert each.video is not None, "the rig names a video for every other camera"
         _require_size(f"camera {each.name!r}", each.camera, each.video)
         other = read(each.video)
         _require_instants(each, other, recording)
-        pictures.append(np.asarray(other.frames))
+        images.append(np.asarray(other.frames))
     height, width = recording.height, recording.width
     return NovelViews(
-        images=np.stack(pictures, axis=1),
+        images=np.stack(images, axis=1),
         cover=None,
         cameras=tuple(each.camera.resized(height, width) for each in rig.others),
         names=tuple(each.name for each in rig.others),
@@ -171,26 +156,26 @@ def collect_filmed_views(
     )
 
 
-def _require_size(who: str, camera: Camera, film: Path) -> None:
-    height, width = read_frame_size(find_clips(film)[0], dt_s=None)
+def _require_size(who: str, camera: Camera, video: Path) -> None:
+    height, width = read_frame_size(find_clips(video)[0], dt_s=None)
     if (height, width) != (camera.height, camera.width):
         raise ValueError(
-            f"{who} was calibrated on pictures of {camera.width} x {camera.height} pixels and {film} has "
-            f"{width} x {height}: give the film it was calibrated for, or calibrate again"
+            f"{who} was calibrated on images of {camera.width} x {camera.height} pixels and {video} has "
+            f"{width} x {height}: give the video it was calibrated for, or calibrate again"
         )
 
 
-def _require_instants(each: RigCamera, film: Recording, recording: Recording) -> None:
-    if film.n_frames != recording.n_frames:
+def _require_instants(each: RigCamera, other: Recording, recording: Recording) -> None:
+    if other.n_frames != recording.n_frames:
         raise ValueError(
-            f"camera {each.name!r} filmed {film.n_frames} frames and the reference {recording.n_frames}; cut "
+            f"camera {each.name!r} has {other.n_frames} frames and the reference {recording.n_frames}; cut "
             "both to the same instants"
         )
     spacing = float(np.median(np.diff(recording.time_s)))
-    own, reference = (times - times[0] for times in (film.time_s, recording.time_s))
-    off = float(np.abs(own - reference).max())
+    since_first, reference = (times - times[0] for times in (other.time_s, recording.time_s))
+    off = float(np.abs(since_first - reference).max())
     if off > 0.5 * spacing:
         raise ValueError(
             f"camera {each.name!r} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s "
-            "apart; a rig films synchronously"
+            "apart; the cameras of a rig must be synchronous"
         )

@@ -57,16 +57,16 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     file = Path(path).expanduser()
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(file.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise ValueError(f"{file}: not JSON ({error}); see lagsplat/views/rig.py for the form") from error
-    if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (FORMAT, VERSION):
+    if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
         raise ValueError(f"{file}: not a rig of version {VERSION}; begin it with {_HEAD}")
-    cameras = [_camera(file, values) for values in _get(file, told, "cameras")]
+    cameras = [_camera(file, values) for values in _get(file, content, "cameras")]
     names = [each.name for each in cameras]
     if len(set(names)) != len(names):
         raise ValueError(f"{file}: cameras are called {names}; give each a name of its own")
-    reference = _get(file, told, "reference")
+    reference = _get(file, content, "reference")
     if reference not in names:
         raise ValueError(f"{file}: the reference {reference!r} is none of the cameras {names}")
     others = tuple(each for each in cameras if each.name != reference)
@@ -74,8 +74,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         raise ValueError(f"{file}: no video of {missing}; only the reference {reference!r} needs none")
     if not others:
         raise ValueError(f"{file}: {reference!r} is the only camera; a rig has two or more")
-    own = next(each.camera for each in cameras if each.name == reference)
-    return Rig(others, ViewSpace(own, float(_get(file, told, "pivot_depth"))))
+    camera = next(each.camera for each in cameras if each.name == reference)
+    return Rig(others, ViewSpace(camera, float(_get(file, content, "pivot_depth"))))
 
 
 _HEAD = f'{{"format": "{FORMAT}", "version": {VERSION}, ...}}'

@@ -14,7 +14,6 @@ from lagsplat.diagnose.augmented.model import (
     load_augmented,
     save_augmented,
     transfer_effects,
-    wrap_without_effects,
 )
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
@@ -27,6 +26,7 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import save_json
 from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
+from tests.unit.diagnose.toys import bare
 
 STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0
 SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=10.0)
@@ -51,15 +51,7 @@ def oscillator() -> MechanicalModel:
 def sim(*effects: tuple[str, list[float]], model: MechanicalModel | None = None) -> AugmentedSimulator:
     """The oscillator with effects of the catalogue and their unknowns."""
     region = OperatingRegion(*(np.zeros((3, 1)) for _ in range(3)))
-    one = wrap_without_effects(
-        model or oscillator(),
-        held=False,
-        step_s=0.002,
-        dt_s=0.01,
-        q_names=("q0",),
-        u_names=("u0",),
-        region=region,
-    )
+    one = bare(model or oscillator(), region, step_s=0.002, dt_s=0.01)
     along = Direction("q0", np.ones(1), 1.0)
     known = catalogue()
     placed = tuple(

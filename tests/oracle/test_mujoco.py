@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.augmented.model import AugmentedSimulator, wrap_without_effects
-from lagsplat.diagnose.augmented.mujoco_export import patch_augmented, patch_xml
+from lagsplat.diagnose.augmented.model import AugmentedSimulator
+from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
-from lagsplat.diagnose.core.result import Candidate, Parameter
-from lagsplat.diagnose.effects.base import Direction, PlacedEffect
+from lagsplat.diagnose.effects.base import Direction, InputEffect, PlacedEffect
 from lagsplat.diagnose.effects.parameters import LogNormal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, project_mujoco
+from tests.unit.diagnose.toys import bare
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -76,10 +76,7 @@ def simulated(path: Path, by: AppliedSignals, q: np.ndarray) -> np.ndarray:
 
 
 def kept(model: MechanicalModel, d: int, n_u: int) -> AugmentedSimulator:
-    names = tuple(f"q{i}" for i in range(d)), tuple(f"u{i}" for i in range(n_u))
-    return wrap_without_effects(
-        model, held=False, step_s=0.001, dt_s=0.005, q_names=names[0], u_names=names[1], region=region(d, n_u)
-    )
+    return bare(model, region(d, n_u), step_s=0.001, dt_s=0.005)
 
 
 @pytest.mark.parametrize("d", [1, 2])
@@ -129,12 +126,16 @@ def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         load_mujoco(arm(tmp_path, 1))
 
 
-def added(one: AugmentedSimulator, name: str, values: dict[str, float], variant: str) -> AugmentedSimulator:
-    """The sim with one effect of given parameters, on its only joint or input."""
-    effect = catalogue()[name]
-    along = Direction("q0", np.ones(1), float(one.model.inertia[0, 0]), float(one.model.rest[0]))
-    channel = 0 if name.startswith("input") else None
-    place = PlacedEffect(effect, SCALES, variant, along if channel is None else None, channel)
+def added(
+    one: AugmentedSimulator, name: str, values: dict[str, float], variant: str = "", at: int | None = 0
+) -> AugmentedSimulator:
+    """The sim with one effect of given parameters, on a joint or input, or on all joints."""
+    effect, model = catalogue()[name], one.model
+    on_input = isinstance(effect, InputEffect)
+    along = None
+    if at is not None and not on_input:
+        along = Direction(f"q{at}", np.eye(model.d)[at], float(model.inertia[at, at]), float(model.rest[at]))
+    place = PlacedEffect(effect, SCALES, variant, along, at if on_input else None)
     x = []
     for p in effect.parameters:
         value = values.get(p.name, 0.0)
@@ -188,28 +189,31 @@ def test_every_counterpart_is_tried() -> None:
     }
 
 
-def test_one_effect_of_a_diagnosis_is_patched_by_names(tmp_path: Path) -> None:
+def test_an_effect_is_written_at_its_joint_or_not_at_all(tmp_path: Path) -> None:
     path, out = arm(tmp_path, 2), tmp_path / "out.xml"
-    rate = Parameter(2.0, 1.5, 2.5, "1/s")
-    damped = Candidate("viscous_damping", 0.9, "q1", None, {"rate": rate})
-    (told,) = patch_xml(path, out, damped, "elbow", None, rest=[0.0, 0.0])
-    assert told.startswith("joint elbow: damping")
+    plain = kept(project_mujoco(path, region(2, 2)).model, 2, 2)
+    (change,) = patch_augmented(path, out, added(plain, "viscous_damping", {"rate": 2.0}, at=1))
+    assert change.startswith("joint elbow: damping")
     chosen, new = load_mujoco(path), mujoco.MjModel.from_xml_path(str(out))
     data, full = mujoco.MjData(chosen.model), np.zeros((2, 2))
     mujoco.mj_forward(chosen.model, data)
     mujoco.mj_fullM(chosen.model, data, full)
     np.testing.assert_allclose(new.dof_damping, [0.05, 0.02 + 2.0 * full[1, 1]], rtol=1e-5)
     out.unlink()
-    assert patch_xml(path, out, replace(damped, name="creep"), "elbow", None) == ()
-    assert not out.exists()
-    feeding = replace(damped, parameters={"rate": replace(rate, value=-50.0)})
-    assert patch_xml(path, out, feeding, "elbow", None) == ()
+    creep = added(plain, "creep", {"stiffness_ratio": 0.2, "time_constant": 0.3}, at=1)
+    feeding = added(plain, "viscous_damping", {"rate": -50.0}, at=1)
+    everywhere = [
+        added(plain, name, {"acceleration": 1.0}, at=None) for name in ("coulomb_friction", "constant_force")
+    ]
+    for simulator in (creep, feeding, *everywhere):
+        assert patch_augmented(path, out, simulator) == ()
+        assert not out.exists()
 
 
 def test_a_heavier_whole_keeps_its_free_motion(tmp_path: Path) -> None:
     path, out = arm(tmp_path, 2), tmp_path / "out.xml"
-    heavier = Candidate("mass_change", 0.9, None, None, {"ratio": Parameter(1.5, 1.4, 1.6, "1")})
-    assert patch_xml(path, out, heavier, None, None)
+    plain = kept(project_mujoco(path, region(2, 2)).model, 2, 2)
+    assert patch_augmented(path, out, added(plain, "mass_change", {"ratio": 1.5}, at=None))
     old, new = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, out))
     masses, forces = [], []
     for model in (old, new):

@@ -13,13 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import (
-    Direction,
-    ForceEffect,
-    PlacedEffect,
-    SampleEffect,
-    make_direction,
-)
+from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect, SampleEffect, make_direction
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -27,11 +21,15 @@ from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 
 KIND, SCHEMA = "augmented", 1
-FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag", "width", "rest")
+FIELDS = (*COEFFICIENT_FIELDS, "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
+REGION = ("q", "v", "u")
+NUISANCE = ("potential", "damping", "inputs", "warp", "n_u")
+SAMPLING = ("held", "step_s", "dt_s", "q_names", "u_names")
 
 
 @dataclass(frozen=True)
@@ -65,26 +63,6 @@ class AugmentedSimulator:
         )
 
 
-def wrap_without_effects(
-    model: MechanicalModel,
-    *,
-    held: bool,
-    step_s: float,
-    dt_s: float,
-    q_names: Sequence[str],
-    u_names: Sequence[str],
-    region: OperatingRegion,
-) -> AugmentedSimulator:
-    """A simulator to which nothing is added yet; the arguments are those of `AugmentedSimulator`."""
-    nothing = NuisanceParameters(
-        1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, np.zeros((0, _count_coefficients(model)))
-    )
-    x = np.zeros(nothing.size)
-    return AugmentedSimulator(
-        model, nothing, (), x, held, step_s, dt_s, tuple(q_names), tuple(u_names), region
-    )
-
-
 def build_augmented(
     rollout_model: RolloutModel,
     effects: Sequence[PlacedEffect],
@@ -100,12 +78,9 @@ def build_augmented(
     in the recording.
 
     Args:
-        rollout_model: The model, the data and the settings of the fit.
-        effects: The effects of the fit.
-        x: Its unknowns (k,): those of the effects, except effects of single samples, then the nuisance
-            parameters.
-        q_names: Names of the coordinates.
-        u_names: Names of the inputs.
+        rollout_model, effects: The model, the data, the settings and the effects of the fit.
+        x: Its unknowns: those of the effects, except effects of single samples, then the nuisance parameters.
+        q_names, u_names: Names of the coordinates and the inputs.
         region: States and inputs of the real recording.
     """
     moving, kept, at = [], [], 0
@@ -117,15 +92,13 @@ def build_augmented(
         moving.append(replace(placed, effect=effect))
         at += len(placed.effect.parameters)
     x = np.asarray(x, dtype=np.float64)
-    x = x[[*kept, *range(at, len(x))]]
-    step_s = rollout_model.dataset.dt_s / rollout_model.steps
     return AugmentedSimulator(
         model=rollout_model.model,
         nuisance=rollout_model.nuisance,
         effects=tuple(moving),
-        x=x,
+        x=x[[*kept, *range(at, len(x))]],
         held=rollout_model.held,
-        step_s=step_s,
+        step_s=rollout_model.dataset.dt_s / rollout_model.steps,
         dt_s=rollout_model.dataset.dt_s,
         q_names=tuple(q_names),
         u_names=tuple(u_names),
@@ -145,42 +118,32 @@ def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> A
             f"input(s), but this sim has {model.d} and {model.n_u}; give the sim of that diagnosis, or a "
             "version of it"
         )
-    nuisance = replace(simulator.nuisance, directions=np.zeros((0, _count_coefficients(model))))
-    n = sum(len(placed.effect.parameters) for placed in simulator.effects)
-    effects = tuple(
-        replace(placed, direction=_transfer_direction(placed.direction, model))
-        for placed in simulator.effects
-    )
+    nuisance = replace(simulator.nuisance, directions=np.zeros((0, flatten_coefficients(model).size)))
+    effects, n = [], 0
+    for placed in simulator.effects:
+        along = placed.direction and make_direction(placed.direction.name, placed.direction.covector, model)
+        effects.append(replace(placed, direction=along))
+        n += len(placed.effect.parameters)
     x = np.concatenate([simulator.x[:n], np.zeros(nuisance.size)])
-    return replace(simulator, model=model, nuisance=nuisance, effects=effects, x=x)
+    return replace(simulator, model=model, nuisance=nuisance, effects=tuple(effects), x=x)
 
 
 def save_augmented(
     path: str | os.PathLike[str], simulator: AugmentedSimulator, header: Mapping[str, Any]
 ) -> None:
     """Write an augmented simulator; ``header`` says how it was made."""
+    nuisance = simulator.nuisance
     tensors: dict[str, np.ndarray] = {name: getattr(simulator.model, name) for name in FIELDS}
     tensors |= {f"basis.{name}": getattr(simulator.model.basis, name) for name in BASIS}
-    tensors |= {f"region.{name}": getattr(simulator.region, name) for name in ("q", "v", "u")}
-    tensors |= {
-        "directions": simulator.nuisance.directions,
-        "offset": simulator.nuisance.offset,
-        "x": simulator.x,
-    }
-    nuisance = simulator.nuisance
+    tensors |= {f"region.{name}": getattr(simulator.region, name) for name in REGION}
+    tensors |= {"directions": nuisance.directions, "offset": nuisance.offset, "x": simulator.x}
     settings = {
-        "nuisance": {
-            name: getattr(nuisance, name) for name in ("potential", "damping", "inputs", "warp", "n_u")
-        },
+        "nuisance": {name: getattr(nuisance, name) for name in NUISANCE},
         "effects": [
             {**_describe_effect(placed), "parameters": simulator.parameters(n)}
             for n, placed in enumerate(simulator.effects)
         ],
-        "held": simulator.held,
-        "step_s": simulator.step_s,
-        "dt_s": simulator.dt_s,
-        "q_names": list(simulator.q_names),
-        "u_names": list(simulator.u_names),
+        **{name: getattr(simulator, name) for name in SAMPLING},
     }
     save_artifact(
         path,
@@ -206,12 +169,10 @@ def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
         ),
         effects=tuple(_restore_effect(entry, path) for entry in settings["effects"]),
         x=tensors["x"],
-        held=settings["held"],
-        step_s=settings["step_s"],
-        dt_s=settings["dt_s"],
+        region=OperatingRegion(*(tensors[f"region.{name}"] for name in REGION)),
+        **{name: settings[name] for name in ("held", "step_s", "dt_s")},
         q_names=tuple(settings["q_names"]),
         u_names=tuple(settings["u_names"]),
-        region=OperatingRegion(*(tensors[f"region.{name}"] for name in ("q", "v", "u"))),
     )
 
 
@@ -235,19 +196,5 @@ def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> P
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
-    return PlacedEffect(
-        known[entry["name"]],
-        Scales(**entry["scales"]),
-        entry["variant"],
-        direction or None,
-        entry["channel"],
-        entry["input_name"],
-    )
-
-
-def _transfer_direction(direction: Direction | None, model: MechanicalModel) -> Direction | None:
-    return None if direction is None else make_direction(direction.name, direction.covector, model)
-
-
-def _count_coefficients(model: MechanicalModel) -> int:
-    return sum(getattr(model, name).size for name in FIELDS[:6])
+    where = {name: entry[name] for name in ("variant", "channel", "input_name")}
+    return PlacedEffect(known[entry["name"]], Scales(**entry["scales"]), direction=direction or None, **where)

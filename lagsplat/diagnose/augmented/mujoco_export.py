@@ -14,8 +14,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.core.result import Candidate
-from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.effects.base import Effect, ForceEffect, InputEffect
 from lagsplat.diagnose.simulators.mujoco_model import (
     MujocoSelection,
     load_mujoco,
@@ -34,8 +33,9 @@ class MujocoElement:
     """
 
     spec: Any  # the `mujoco.MjSpec`
-    selection: MujocoSelection
-    """The compiled model, with the joints and actuators that are coordinates and inputs."""
+    selection: (
+        MujocoSelection  # compiled model, with the joints and actuators that are coordinates and inputs
+    )
     joint: Any  # none where the effect acts on all of several joints
     actuator: Any
     inertia: float  # reference inertia: diagonal of the mass matrix at rest
@@ -118,42 +118,6 @@ class MujocoElement:
         return " ".join(f"{value:.6g}" for value in np.asarray(values, dtype=np.float64))
 
 
-def patch_xml(
-    path: Path,
-    out: Path,
-    candidate: Candidate,
-    joint: str | None,
-    actuator: str | None,
-    *,
-    rest: Sequence[float] | None = None,
-    joints: Sequence[str] | None = None,
-    variant: str = "",
-    stiffness: float = 0.0,
-) -> tuple[str, ...]:
-    """Write a MuJoCo model with one effect added, and return what was changed, for people.
-
-    Where MuJoCo has no such effect, it writes and returns nothing.
-
-    Args:
-        path: The model file.
-        out: The file to write.
-        candidate: The effect, with its fitted parameters.
-        joint: The joint where the effect acts; None for all, or for the only one.
-        actuator: The actuator where it acts, likewise.
-        rest: Coordinates (d,) at which the diagnosis takes the reference inertia, by default the pose of the
-            model.
-        joints: The joints that are the coordinates, by default all.
-        variant: Variant of the effect.
-        stiffness: What its stiffness ratios are counted in [1/s^2].
-
-    Raises:
-        FileNotFoundError, ValueError: as `load_mujoco`, or the changed model is refused by MuJoCo.
-    """
-    values = {name: p.value for name, p in candidate.parameters.items()}
-    entry = (candidate.name, values, joint, actuator, variant, stiffness)
-    return _patch(path, out, [entry], rest=rest, joints=joints, actuators=None)
-
-
 def patch_augmented(
     path: Path,
     out: Path,
@@ -162,59 +126,36 @@ def patch_augmented(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
-    """As `patch_xml`, for all effects of an augmented simulator; written only if each has a counterpart.
+    """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
+
+    Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
+    ``actuators`` are the coordinates and inputs, by default all.
 
     Raises:
-        FileNotFoundError, ValueError: as `patch_xml`.
+        FileNotFoundError, ValueError: as `load_mujoco`, or the changed model is refused by MuJoCo.
     """
+    directions = [placed.direction for placed in simulator.effects if placed.direction is not None]
+    if any(np.count_nonzero(direction.covector) > 1 for direction in directions):
+        return ()  # between two joints
     selection = load_mujoco(path, joints=joints, actuators=actuators)
-    entries = []
-    for n, placed in enumerate(simulator.effects):
-        if placed.direction is not None and np.count_nonzero(placed.direction.covector) > 1:
-            return ()  # between two joints
-        along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
-        joint = None if along is None else selection.joints[along]
-        actuator = None if placed.channel is None else selection.actuators[placed.channel]
-        values = simulator.parameters(n)
-        size = placed.effect.stiffness_unit(placed.scales, placed.variant)
-        entries.append((placed.effect.name, values, joint, actuator, placed.variant, size))
-    return _patch(path, out, entries, rest=simulator.model.rest.tolist(), joints=joints, actuators=actuators)
-
-
-def _patch(
-    path: Path,
-    out: Path,
-    entries: Sequence[tuple[str, Mapping[str, Any], str | None, str | None, str, float]],
-    *,
-    rest: Sequence[float] | None,
-    joints: Sequence[str] | None,
-    actuators: Sequence[str] | None,
-) -> tuple[str, ...]:
-    mujoco, known = require_mujoco(), catalogue()
-    selection = load_mujoco(path, joints=joints, actuators=actuators)
-    at = selection.data.qpos[selection.at_q].copy() if rest is None else np.asarray(rest, dtype=np.float64)
-    mass = make_mujoco_fields(selection).mass(at[None])[0]
-    inverse = np.linalg.inv(mass)
-    spec = mujoco.MjSpec.from_file(str(path))
+    mass = make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
+    spec = require_mujoco().MjSpec.from_file(str(path))
     changed: list[str] = []
-    for name, values, joint, actuator, variant, stiffness in entries:
-        alone = selection.joints[0] if len(selection.joints) == 1 else None
-        driven = selection.actuators[0] if len(selection.actuators) == 1 else None
-        joint, actuator = joint or alone, actuator or driven
-        n = selection.joints.index(joint) if joint in selection.joints else 0
+    for n, placed in enumerate(simulator.effects):
+        along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
+        at = along or 0
         element = MujocoElement(
             spec=spec,
             selection=selection,
-            joint=_find_element(spec.joints, joint, path),
-            actuator=_find_element(spec.actuators, actuator, path),
-            inertia=float(mass[n, n]),
-            compliance=float(inverse[n, n]),
-            rest=float(at[n]),
-            variant=variant,
-            stiffness=stiffness,
+            joint=_find_element(spec.joints, selection.joints, along, path),
+            actuator=_find_element(spec.actuators, selection.actuators, placed.channel, path),
+            inertia=float(mass[at, at]),
+            compliance=float(np.linalg.inv(mass)[at, at]),
+            rest=float(simulator.model.rest[at]),
+            variant=placed.variant,
+            stiffness=placed.effect.stiffness_unit(placed.scales, placed.variant),
         )
-        counterpart = known[name].mujoco if name in known else ""
-        written = () if isinstance(counterpart, str) else counterpart(element, values)
+        written = _write_effect(placed.effect, element, simulator.parameters(n))
         if not written:
             return ()
         changed += written
@@ -231,9 +172,20 @@ def _patch(
     return tuple(changed)
 
 
-def _find_element(elements: Sequence[Any], name: str | None, path: Path) -> Any:
-    if name is None:
+def _write_effect(effect: Effect, element: MujocoElement, values: Mapping[str, float]) -> tuple[str, ...]:
+    """Nothing where MuJoCo has no counterpart, or the effect needs one joint or actuator and gets several."""
+    several_joints = element.joint is None and isinstance(effect, ForceEffect) and effect.whole is None
+    several_actuators = element.actuator is None and isinstance(effect, InputEffect)
+    if isinstance(effect.mujoco, str) or several_joints or several_actuators:
+        return ()
+    return effect.mujoco(element, values)
+
+
+def _find_element(elements: Sequence[Any], names: Sequence[str], index: int | None, path: Path) -> Any:
+    """The element of the coordinate or input of this index, or the only one; None for all of several."""
+    if index is None and len(names) != 1:
         return None
+    name = names[index or 0]
     named = [element for element in elements if element.name == name]
     if not named:
         raise ValueError(f"{path}: {name!r} has no name in the file; give it one, so that it can be changed")

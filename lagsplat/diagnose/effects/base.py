@@ -1,10 +1,8 @@
 """What an effect of the catalogue is, and how it is placed on a mechanism.
 
-An effect is a law with parameters and everything else that a diagnosis needs to know of it: priors, the
-places where it may act, the excitation that reveals it, the effects it may be confused with, its words for
-people and its counterpart in MuJoCo. One file defines one effect and names it `EFFECT`; see
-`lagsplat.diagnose.effects.dynamics.coulomb_friction` for a short one to copy, and
-`lagsplat.diagnose.effects.registry` for how the catalogue finds it.
+An effect is a law with parameters and everything else that a diagnosis needs to know of it. One file defines
+one effect and names it `EFFECT`; see `lagsplat.diagnose.effects.dynamics.coulomb_friction` for a short one to
+copy, and `lagsplat.diagnose.effects.registry` for how the catalogue finds it.
 
 Parameters are counted in units of the recorded motion (`lagsplat.diagnose.effects.parameters`), so that one
 prior serves any mechanism in any coordinates. The leading parameters, usually one, are *amplitudes*: with
@@ -23,16 +21,19 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Parame
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
+Level = Literal["perception", "chart", "actuation", "dynamics"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EffectDescription:
-    """An effect in words that need no training in mechanics."""
+    """An effect in words that need no training in mechanics.
+
+    Its ``kind`` is a number of the simulation that is off, physics that it lacks, something that acts on the
+    mechanism from elsewhere, or camera and clock; "verdict" for `none` and `unknown`.
+    """
 
     title: str  # completes "the cause is ..."
     kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
-    """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
-    from elsewhere, or camera and clock; "verdict" for `none` and `unknown`."""
     what: str  # what the effect is, one sentence
     symptom: str  # how it shows in a recording, one sentence
     remedy: str  # what to do about it, one sentence
@@ -48,28 +49,24 @@ class Grade(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect:
+class Effect(EffectDescription):
     """One entry of the catalogue; use one of the five subclasses, which say where the effect enters."""
 
     name: str
-    group: str
-    """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
-    number: int = 100
-    """Position within the group wherever effects are listed for people."""
+    group: (
+        str  # A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera
+    )
+    number: int = 100  # position within the group wherever effects are listed for people
     equation: str
     parameters: tuple[EffectParameter, ...]
-    amplitudes: int = 1
-    """Number of leading parameters that are amplitudes."""
-    needs: str = ""
-    """What a recording must contain to reveal it."""
+    needs: str = ""  # what a recording must contain to reveal it
     excitation: Callable[..., Grade]
     """Grades a recording: ``excitation(measures)`` of `ExcitationMeasures`, or for an effect of an input
     ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
-    description: EffectDescription
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
     """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
-    nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`. Instead
-    of a function, a clause that says why MuJoCo has none."""
+    nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`, with the
+    joint or actuator where the effect acts. Instead of a function, a clause that says why MuJoCo has none."""
     confusable_with: tuple[str, ...] = ()
     """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
     log_prior_penalty: float = 0.0
@@ -81,24 +78,19 @@ class Effect:
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
     """For external effects: from the fitted parameters and the dataset, how far the recording shows that the
     force does not depend on the state of the mechanism, from 0 to 1."""
-    absorbed_by_fit: bool = False
-    """A simulation that was fitted to the same recording has absorbed this effect in its parameters."""
+    absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
-    """What of the camera the effect is about."""
-    component: Component | None = None
-    """The term of the equations of motion that it belongs to; None for camera and clock."""
-    level: Literal["perception", "chart", "actuation", "dynamics"] = "dynamics"
-    """Where on the way from image to motion it acts."""
-    passive: bool = False
-    """Never feeds energy into the mechanism."""
+    component: Component | None = None  # term of the equations of motion; None for camera and clock
+    level: Level = "dynamics"  # where on the way from image to motion it acts
+    passive: bool = False  # never feeds energy into the mechanism
     energy_bounded: Callable[[Mapping[str, float], "PlacedEffect"], bool] | None = None
     """Whether fitted parameters keep the energy bounded, where `passive` alone does not say so."""
     variants: tuple[str, ...] = ("",)
     variant_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of a variant's parameters where it is not that of their kind."""
-    along: Literal["coordinates", "whole", "both", "channels"] = "coordinates"
-    acts_everywhere: bool = False
-    """May act at all of its places at once, with parameters of its own at each."""
+    along: Literal["each", "whole", "both"] = "each"
+    """Acts on each coordinate or input, on all at once, or on both; the latter in the first variant alone."""
+    acts_everywhere: bool = False  # may act at all its places at once, with parameters of its own at each
     between_variants: tuple[str, ...] = ()
     """Variants that may also act between two coordinates: in the joint of two bodies."""
     place: Callable[[Any, "PlacementProblem"], list["PlacedEffect"]] | None = None
@@ -110,6 +102,11 @@ class Effect:
     the dataset."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
+
+    @property
+    def amplitudes(self) -> int:
+        """Number of leading parameters that are amplitudes: those without a grid of values."""
+        return next((n for n, p in enumerate(self.parameters) if p.grid), len(self.parameters))
 
     def find_places(self, problem: "PlacementProblem") -> list["PlacedEffect"]:
         """The effect at every place of a mechanism where it may act."""
@@ -183,13 +180,18 @@ class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
     change: Any
+    component: Component | None = "actuation"
+    level: Level = "actuation"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationEffect(Effect):
-    """An effect of camera or clock: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
+    """An effect of the camera: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Any
+    group: str = "G"
+    level: Level = "chart"
+    mujoco: str = "it concerns the camera of the recording, not the mechanism."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,6 +205,9 @@ class SampleEffect(Effect):
 
     explain: Any
     repeats: bool = False  # it makes samples that repeat an earlier one
+    group: str = "G"
+    level: Level = "perception"
+    along: Literal["each", "whole", "both"] = "whole"
 
 
 @dataclass(frozen=True)
@@ -297,20 +302,24 @@ class PlacementProblem:
 def place_effect(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect]:
     """Every place that ``effect.along`` and ``effect.between_variants`` allow, variant by variant."""
     placed: list[PlacedEffect] = []
+    if isinstance(effect, InputEffect) and effect.along == "each":
+        return _with_joint_placement(
+            [
+                PlacedEffect(effect, scales, "", None, channel, name)
+                for channel, name, scales in problem.inputs
+            ]
+        )
+    if isinstance(effect, InputEffect) and not problem.inputs:
+        return placed
     for variant in effect.variants:
-        if isinstance(effect, InputEffect):
-            placed += place_on_inputs(effect, problem)
-        elif effect.along == "whole":
-            placed.append(place_on_whole(effect, variant, problem))
-        else:
+        if effect.along != "whole":
             placed += place_along_coordinates(effect, variant, problem)
-            if variant in effect.between_variants:
-                placed += place_between_coordinates(effect, variant, problem)
-            # a force on the whole of one coordinate is the force along it
-            if effect.along == "both" and (
-                len(problem.coordinates) > 1 or not isinstance(effect, ForceEffect)
-            ):
-                placed.append(place_on_whole(effect, variant, problem))
+        if variant in effect.between_variants:
+            placed += _place_along(effect, variant, problem.pairs, problem)
+        # a force on the whole of one coordinate is the force along it
+        same = isinstance(effect, ForceEffect) and len(problem.coordinates) == 1
+        if effect.along == "whole" or (effect.along == "both" and variant == effect.variants[0] and not same):
+            placed.append(PlacedEffect(effect, problem.whole, variant))
     return placed
 
 
@@ -319,40 +328,23 @@ def place_along_coordinates(effect: Effect, variant: str, problem: PlacementProb
     return _with_joint_placement(_place_along(effect, variant, problem.coordinates, problem))
 
 
-def place_between_coordinates(effect: Effect, variant: str, problem: PlacementProblem) -> list[PlacedEffect]:
-    """The effect between each two coordinates."""
-    return _place_along(effect, variant, problem.pairs, problem)
-
-
-def place_on_whole(effect: Effect, variant: str, problem: PlacementProblem) -> PlacedEffect:
-    """The effect on all coordinates at once, with the scales of the one that moves most."""
-    return PlacedEffect(effect, problem.whole, variant)
-
-
-def place_on_inputs(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect]:
-    """The effect on each input that moves, or on all at once if it acts on the whole."""
-    if effect.along == "whole":
-        return [PlacedEffect(effect, problem.whole)] if problem.inputs else []
-    placed = [
-        PlacedEffect(effect, scales, channel=channel, input_name=name)
-        for channel, name, scales in problem.inputs
-    ]
-    return _with_joint_placement(placed)
-
-
 def place_everywhere(places: Sequence[PlacedEffect]) -> PlacedEffect:
     """One effect at all of ``places`` at once, its parameters named after the place that each belongs to.
 
     Its parameters are all amplitudes, or none is; then the search begins with the same at every place.
     """
-    effect, n = places[0].effect, len(places)
+    effect = places[0].effect
     parameters = tuple(
         replace(p, name=f"{p.name} {placed.location}") for placed in places for p in effect.parameters
     )
-    whole = replace(effect, parameters=parameters, amplitudes=n * effect.amplitudes)
-    same = [point * n for point in itertools.product(*(p.grid for p in effect.parameters))]
-    grid = None if effect.amplitudes else tuple(same)
-    return PlacedEffect(whole, places[0].scales, places[0].variant, grid=grid, parts=tuple(places))
+    same = tuple(point * len(places) for point in itertools.product(*(p.grid for p in effect.parameters)))
+    return PlacedEffect(
+        replace(effect, parameters=parameters),
+        places[0].scales,
+        places[0].variant,
+        grid=None if effect.amplitudes else same,
+        parts=tuple(places),
+    )
 
 
 def _place_along(

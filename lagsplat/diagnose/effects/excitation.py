@@ -92,6 +92,11 @@ def describe_swings(measures: ExcitationMeasures) -> str:
     return f"{measures.periods:.3g} periods, large swings {measures.amplitude_ratio:.2g} times the small ones"
 
 
+def describe_reversals(measures: ExcitationMeasures) -> str:
+    """The number of reversals, and of swings with the range of their sizes."""
+    return f"{measures.reversals} reversals, {describe_swings(measures)}"
+
+
 def ask_for_decay(measures: ExcitationMeasures, periods: float = 10.0) -> str:
     """Ask for a free decay over so many natural periods."""
     return (

@@ -111,13 +111,13 @@ def describe_effect(name: str) -> EffectDescription:
     known = catalogue()
     if name not in known:
         raise ValueError(f"no effect is called {name!r}; known are {', '.join(list_names())}")
-    return known[name].description
+    return known[name]
 
 
 def short_title(name: str) -> str:
     """The name as people write it: ``coulomb_friction`` is "Coulomb friction"."""
     effect = catalogue().get(name)
-    return (effect.description.short_title if effect else "") or name.replace("_", " ")
+    return (effect.short_title if effect else "") or name.replace("_", " ")
 
 
 def label_parameter(name: str, parameter: str) -> str:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64, Int64
 from ruptures import KernelCPD
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2, false_discovery_control
 
-from lagsplat.diagnose.core.config import CHANGE_POINTS
+from lagsplat.diagnose.core.config import CHANGE_POINTS, RESIDUAL_FEATURES
 from lagsplat.diagnose.residual.latent_force import (
     LatentForceEstimate,
     compute_relative_squares,
@@ -20,16 +20,12 @@ from lagsplat.diagnose.residual.latent_force import (
 
 @dataclass(frozen=True)
 class ResidualEvent:
-    """A span of one motion in which the residual is large.
+    """A span of one motion in which the residual is large."""
 
-    ``motion`` is the motion's number, ``start_s`` and ``end_s`` are on its clock [s], and ``share`` is the
-    part of all motions' residual inside.
-    """
-
-    motion: int
-    start_s: float
-    end_s: float
-    share: float
+    motion: int  # number of the motion
+    start_s: float  # on the motion's clock [s]
+    end_s: float  # on the motion's clock [s]
+    share: float  # of all motions' residual inside
 
 
 def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) -> list[ResidualEvent]:
@@ -43,30 +39,28 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
     Source: Killick, Fearnhead, Eckley (2012) for the change points; Benjamini and Hochberg (1995).
     """
     squares = [energy.sum(axis=1) for energy in compute_relative_squares(estimates)]
-    total = sum(_integrate(estimate, square) for estimate, square in zip(estimates, squares, strict=True))
+    weights = [compute_sample_weights(estimate) for estimate in estimates]
+    total = sum(float(weight @ square) for weight, square in zip(weights, squares, strict=True))
+    unit = compute_rms_acceleration(estimates)
     spans = [
         (number, start, stop)
         for number, (estimate, square) in enumerate(zip(estimates, squares, strict=True))
-        for start, stop in _split_at_changes(estimate, square, compute_rms_acceleration(estimates), period_s)
+        for start, stop in _split_at_changes(estimate, square, unit, period_s)
     ]
     if not spans or total <= 0.0:
         return []
     chances = [_compute_chance(estimates[number], start, stop, period_s) for number, start, stop in spans]
-    kept = [
-        span
-        for span, adjusted in zip(spans, false_discovery_control(chances), strict=True)
-        if adjusted < CHANGE_POINTS.false_discovery_rate
-    ]
+    significant = false_discovery_control(chances) < CHANGE_POINTS.false_discovery_rate
+    kept = [span for span, is_kept in zip(spans, significant, strict=True) if is_kept]
     events = []
     for number, start, stop in _join_spans(kept, squares):
         square, time_s = squares[number], estimates[number].motion.time_s
-        loud = start + np.flatnonzero(
-            square[start:stop] >= CHANGE_POINTS.edge_share**2 * square[start:stop].max()
-        )
-        inside = np.zeros(len(square), dtype=bool)
-        inside[loud[0] : loud[-1] + 1] = True
-        share = _integrate(estimates[number], np.where(inside, square, 0.0)) / total
-        events.append(ResidualEvent(number, float(time_s[loud[0]]), float(time_s[loud[-1]]), float(share)))
+        limit = CHANGE_POINTS.edge_share**2 * square[start:stop].max()
+        first, last = start + np.flatnonzero(square[start:stop] >= limit)[[0, -1]]
+        inside = np.zeros(len(square))
+        inside[first : last + 1] = square[first : last + 1]
+        share = float(weights[number] @ inside) / total
+        events.append(ResidualEvent(number, float(time_s[first]), float(time_s[last]), share))
     events = [
         event for event in _bridge_events(events, period_s) if event.share >= CHANGE_POINTS.min_energy_share
     ]
@@ -83,9 +77,15 @@ def compute_sample_weights(estimate: LatentForceEstimate) -> Float64[np.ndarray,
     return weights
 
 
-def _integrate(estimate: LatentForceEstimate, square: np.ndarray) -> float:
-    """Integral over time of a value at every sample."""
-    return float(compute_sample_weights(estimate) @ square)
+def number_blocks(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
+    """Number of each sample's block of `RESIDUAL_FEATURES.block_periods`; a block lies within one motion."""
+    numbers, first = [], 0
+    for estimate in estimates:
+        elapsed = np.cumsum(compute_sample_weights(estimate))
+        blocks = (elapsed / (RESIDUAL_FEATURES.block_periods * period_s)).astype(np.int64)
+        numbers.append(first + blocks)
+        first += int(blocks[-1]) + 1
+    return np.concatenate(numbers)
 
 
 def _split_at_changes(
@@ -116,18 +116,30 @@ def _compute_chance(estimate: LatentForceEstimate, start: int, stop: int, period
 
     The ends of a long span share their averaging window with its neighbours, and are left out.
     """
-    active: Bool[np.ndarray, " d"] = estimate.active
-    edge = round(
-        (0.5 * CHANGE_POINTS.window_periods + CHANGE_POINTS.stride_periods) * period_s / estimate.motion.dt_s
-    )
+    active, dt_s = estimate.active, estimate.motion.dt_s
+    edge = round((0.5 * CHANGE_POINTS.window_periods + CHANGE_POINTS.stride_periods) * period_s / dt_s)
     if stop - start > 4 * edge:
         start, stop = start + edge, stop - edge
-    spacing = max(1, round(estimate.length_s / estimate.motion.dt_s))
+    spacing = max(1, round(estimate.length_s / dt_s))
     picked = np.arange(start, stop)[:: min(spacing, stop - start)]
     residual = estimate.residual[np.ix_(picked, active)]
     covariance = estimate.covariance[np.ix_(picked, active, active)]
     distance = np.einsum("ta,ta->", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
     return float(chi2.sf(distance, residual.size))
+
+
+def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
+    """Join adjacent spans of similar level."""
+    joined: list[tuple[int, int, int]] = []
+    last_level = 0.0
+    for number, start, stop in kept:
+        level = float(np.log(np.mean(squares[number][start:stop])))
+        touches = joined and joined[-1][0] == number and joined[-1][2] == start
+        if touches and abs(level - last_level) < CHANGE_POINTS.merge_log_ratio:
+            start = joined.pop()[1]
+        joined.append((number, start, stop))
+        last_level = level
+    return joined
 
 
 def _bridge_events(events: list[ResidualEvent], period_s: float) -> list[ResidualEvent]:
@@ -141,21 +153,4 @@ def _bridge_events(events: list[ResidualEvent], period_s: float) -> list[Residua
             joined[-1] = ResidualEvent(last.motion, last.start_s, event.end_s, last.share + event.share)
         else:
             joined.append(event)
-    return joined
-
-
-def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
-    """Join adjacent spans of similar level."""
-    joined: list[tuple[int, int, int]] = []
-    levels: list[float] = []
-    for number, start, stop in kept:
-        level = float(np.log(np.mean(squares[number][start:stop])))
-        touches = joined and joined[-1][0] == number and joined[-1][2] == start
-        if touches and abs(level - levels[-1]) < CHANGE_POINTS.merge_log_ratio:
-            joined[-1] = (number, joined[-1][1], stop)
-        else:
-            joined.append((number, start, stop))
-            levels.append(level)
-            continue
-        levels[-1] = level
     return joined

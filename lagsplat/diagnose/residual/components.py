@@ -18,24 +18,15 @@ from sklearn.kernel_ridge import KernelRidge
 
 from lagsplat.diagnose.core.config import COMPONENTS, RESIDUAL_FEATURES
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_input_rates
-from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
 
 @dataclass(frozen=True)
 class ResidualComponents:
-    """Shares of the residual by group of features, over all coordinates.
+    """Shares of the residual by group of features, over all coordinates."""
 
-    ``shares`` includes "unexplained" and sums to one; ``memory_index`` in [0, 1] is how much better the past
-    predicts the residual than the present alone, without assuming a form.
-    """
-
-    shares: dict[str, float]
-    memory_index: float
-
-    @property
-    def largest(self) -> str:
-        """Group with the largest share."""
-        return max(FEATURE_GROUPS, key=lambda name: self.shares[name])
+    shares: dict[str, float]  # by group, with "unexplained"; they sum to one
+    memory_index: float  # of `compute_memory_index`, over all coordinates
 
 
 def compute_components(
@@ -79,21 +70,11 @@ def compute_memory_index(features: ResidualFeatures, coordinate: int) -> float:
     Kernel regression is used because it assumes no form of the dependence.
     """
     groups = features.groups[coordinate]
-    present = np.concatenate(
-        [
-            groups["conservative"][:, 1:2],
-            groups["dissipative"][:, :1],
-            groups["actuation"],
-            groups["exogenous"],
-        ],
-        axis=1,
-    )
+    state = [groups["conservative"][:, 1:2], groups["dissipative"][:, :1]]
+    present = np.concatenate([*state, groups["actuation"], groups["exogenous"]], axis=1)
     wide = np.concatenate([present, groups["memory"]], axis=1)
-    return max(
-        0.0,
-        _score_kernel_regression(features, coordinate, wide)
-        - _score_kernel_regression(features, coordinate, present),
-    )
+    scores = [_score_kernel_regression(features, coordinate, columns) for columns in (wide, present)]
+    return max(0.0, scores[0] - scores[1])
 
 
 class _FoldedRegression:
@@ -129,11 +110,11 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
     """Share of each group and of what is unexplained, for one coordinate."""
     groups = features.groups[coordinate]
     present = [name for name in FEATURE_GROUPS[:-1] if groups[name].shape[1]]
-    sizes = np.cumsum([0, *(groups[name].shape[1] for name in (*present, "memory"))])
-    columns = {
-        name: np.arange(a, b) for name, a, b in zip((*present, "memory"), sizes[:-1], sizes[1:], strict=True)
-    }
-    fit = _FoldedRegression(features, coordinate, np.concatenate([groups[name] for name in columns], axis=1))
+    matrices = [groups[name] for name in (*present, "memory")]
+    ends = np.cumsum([matrix.shape[1] for matrix in matrices])
+    split = np.split(np.arange(ends[-1]), ends[:-1])
+    columns = dict(zip((*present, "memory"), split, strict=True))
+    fit = _FoldedRegression(features, coordinate, np.concatenate(matrices, axis=1))
 
     def value(names: Sequence[str]) -> float:
         return fit.score(np.concatenate([columns[name] for name in names])) if names else 0.0
@@ -185,15 +166,13 @@ def _score_kernel_regression(features: ResidualFeatures, coordinate: int, column
 
 @dataclass(frozen=True)
 class ResidualCorrelations:
-    """Correlation of each coordinate's residual with each regressor.
-
-    ``score`` (d, k) is its absolute value over the bound that chance exceeds once in twenty times; zero where
-    a coordinate has no residual or a regressor does not vary.
-    """
+    """Correlation of each coordinate's residual with each regressor."""
 
     coordinates: tuple[str, ...]
     regressors: tuple[str, ...]
     score: Float64[np.ndarray, "d k"]
+    """Absolute correlation over the bound that chance exceeds once in twenty times; zero where a coordinate
+    has no residual or a regressor does not vary."""
 
 
 def compute_residual_correlations(
@@ -204,31 +183,19 @@ def compute_residual_correlations(
     ``estimates`` are the motions; ``q_names`` and ``u_names`` name their coordinates and inputs.
     """
     lengths = [stop - start for estimate in estimates for start, stop in estimate.motion.segments]
-    residual = np.concatenate([estimate.residual for estimate in estimates])
-    q, v = (np.concatenate([getattr(estimate, name) for estimate in estimates]) for name in ("q", "v"))
-    inputs = _get_input_regressors(estimates, u_names)
-    time_s = np.concatenate([estimate.motion.time_s for estimate in estimates])
+    u, time_s, *motion = join_signals(estimates, "u", "time_s", "q", "v", "residual")
+    rates = np.concatenate([compute_input_rates(estimate) for estimate in estimates])
+    inputs = {name: u[:, j] for j, name in enumerate(u_names)}
+    inputs |= {f"d{name}/dt": rates[:, j] for j, name in enumerate(u_names)}
     names: tuple[str, ...] = ()
     rows = []
-    for i in range(q.shape[1]):
-        regressors = inputs | _compute_coordinate_regressors(q[:, i], v[:, i]) | {"t": time_s}
+    for q, v, residual in zip(*(signal.T for signal in motion), strict=True):
+        centred = q - q.mean()
+        regressors = inputs | {"q": q, "q²": centred**2, "q³": centred**3}
+        regressors |= {"v": v, "sign v": np.sign(v), "|v| v": np.abs(v) * v, "t": time_s}
         names = tuple(regressors)
-        rows.append([_score_correlation(residual[:, i], column, lengths) for column in regressors.values()])
+        rows.append([_score_correlation(residual, column, lengths) for column in regressors.values()])
     return ResidualCorrelations(tuple(q_names), names, np.array(rows))
-
-
-def _get_input_regressors(
-    estimates: Sequence[LatentForceEstimate], u_names: Sequence[str]
-) -> dict[str, np.ndarray]:
-    u = np.concatenate([estimate.motion.u for estimate in estimates])
-    rates = np.concatenate([compute_input_rates(estimate) for estimate in estimates])
-    regressors = {name: u[:, j] for j, name in enumerate(u_names)}
-    return regressors | {f"d{name}/dt": rates[:, j] for j, name in enumerate(u_names)}
-
-
-def _compute_coordinate_regressors(q: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
-    centred = q - q.mean()
-    return {"q": q, "q²": centred**2, "q³": centred**3, "v": v, "sign v": np.sign(v), "|v| v": np.abs(v) * v}
 
 
 def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequence[int]) -> float:
@@ -240,9 +207,8 @@ def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequen
         return 0.0
     parts = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
     spread = sum(float(_autocorrelate(a) @ _autocorrelate(b)) for a, b in parts)
-    return float(
-        abs(first @ second) / (COMPONENTS.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny)))
-    )
+    bound = COMPONENTS.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny))
+    return float(abs(first @ second) / bound)
 
 
 def _autocorrelate(series: np.ndarray) -> np.ndarray:

@@ -21,29 +21,22 @@ from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
 @dataclass(frozen=True)
 class ErrorStage:
-    """The error of one stage, with its 95 % interval over blocks from ``low`` to ``high``.
-
-    ``floor`` is the same error on nominal data, None if that is not known.
-    """
+    """The error of one stage, with its 95 % interval over blocks."""
 
     name: str
     value: float
     low: float
     high: float
-    floor: float | None
+    floor: float | None  # the same error on nominal data; None if there are none
 
 
 @dataclass(frozen=True)
 class PerceptionQuality:
-    """How well the real images are read, compared with those that the simulator was fitted to.
+    """How well the real images are read, compared with those that the simulator was fitted to."""
 
-    ``ratio`` of the real images' error to the nominal one; ``outside``, share of frames beyond the nominal
-    cloud of latents; ``suspect`` where either is so large that later findings rest on badly read images.
-    """
-
-    ratio: float
-    outside: float
-    suspect: bool
+    ratio: float  # of the real images' error to the nominal one
+    outside: float  # share of frames beyond the nominal cloud of latents
+    suspect: bool  # either is so large that later findings rest on badly read images
 
 
 def assess_perception(
@@ -58,10 +51,8 @@ def assess_perception(
     all but 1 in 1000 of the nominal ones.
 
     Args:
-        error_real: mean squared error of each real frame, decoded from its own latents.
-        error_nominal: the same of each nominal frame.
-        latents_real: latents of the real frames.
-        latents_nominal: latents of the nominal frames.
+        error_real, error_nominal: mean squared error of each frame, decoded from its own latents.
+        latents_real, latents_nominal: latents of the frames.
 
     Raises:
         ValueError: a nominal error of zero on average, against which nothing has a ratio.
@@ -72,39 +63,24 @@ def assess_perception(
     cloud = MinCovDet(random_state=0).fit(latents_nominal)
     limit = np.quantile(cloud.mahalanobis(latents_nominal), ERROR_BUDGET.outside_quantile)
     outside = float(np.mean(cloud.mahalanobis(latents_real) > limit))
-    return PerceptionQuality(
-        ratio,
-        outside,
-        ratio > ERROR_BUDGET.suspect_error_ratio or outside > ERROR_BUDGET.suspect_outside_share,
-    )
+    suspect = ratio > ERROR_BUDGET.suspect_error_ratio or outside > ERROR_BUDGET.suspect_outside_share
+    return PerceptionQuality(ratio, outside, suspect)
 
 
 def compute_perception_stage(
-    error_real: Float64[np.ndarray, " T"],
-    error_nominal: Float64[np.ndarray, " N"],
-    *,
-    block: int,
-    seed: int = 0,
+    error_real: Float64[np.ndarray, " T"], error_nominal: Float64[np.ndarray, " N"], *, block: int
 ) -> ErrorStage:
-    """Root mean squared error of images over blocks; the floor is the error of the nominal images.
-
-    Args:
-        error_real: mean squared error of each real frame.
-        error_nominal: mean squared error of each nominal frame.
-        block: frames in a block.
-        seed: of the bootstrap.
-    """
-    blocks = [error_real[start : start + block] for start in range(0, len(error_real), block)]
-    floor = float(np.sqrt(np.mean(error_nominal)))
-    return _bootstrap_stage("perception", [np.mean(frames) for frames in blocks], floor, seed)
+    """Root mean squared error of images over blocks of ``block`` frames, from each frame's mean square."""
+    blocks = [np.mean(error_real[start : start + block]) for start in range(0, len(error_real), block)]
+    return _bootstrap_stage("perception", blocks, error_nominal)
 
 
 def compute_chart_stage(
-    estimates: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None, *, seed: int = 0
+    estimates: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None
 ) -> ErrorStage:
-    """Deviation of measured from smoothed positions by clip; the floor is that of the nominal motions."""
-    floor = None if nominal is None else float(np.sqrt(np.mean(_compute_jitters(nominal))))
-    return _bootstrap_stage("chart", _compute_jitters(estimates), floor, seed)
+    """Deviation of measured from smoothed positions by clip."""
+    floor = None if nominal is None else _compute_jitters(nominal)
+    return _bootstrap_stage("chart", _compute_jitters(estimates), floor)
 
 
 def compute_forecast_stage(
@@ -114,25 +90,16 @@ def compute_forecast_stage(
     horizon_s: float,
     nominal: Sequence[LatentForceEstimate] | None = None,
     name: str = "rollout",
-    seed: int = 0,
 ) -> ErrorStage:
-    """Error of the simulator's forecasts from smoothed states, one after another.
+    """Error of the simulator's forecasts over ``horizon_s`` from smoothed states, one after another.
 
-    Args:
-        mechanics: the simulator's equations of motion.
-        estimates: the motions to forecast.
-        horizon_s: length of each forecast [s].
-        nominal: motions that the simulator should forecast well, for the floor.
-        name: name of the stage.
-        seed: of the bootstrap.
+    ``nominal`` are motions that the simulator should forecast well, for the floor.
 
     Raises:
         ValueError: no clip lasts a horizon.
     """
-    floor = None
-    if nominal is not None:
-        floor = float(np.sqrt(np.mean(_compute_forecast_errors(mechanics, nominal, horizon_s))))
-    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, estimates, horizon_s), floor, seed)
+    floor = None if nominal is None else _compute_forecast_errors(mechanics, nominal, horizon_s)
+    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, estimates, horizon_s), floor)
 
 
 def compute_one_step_stage(
@@ -140,20 +107,10 @@ def compute_one_step_stage(
     estimates: Sequence[LatentForceEstimate],
     *,
     nominal: Sequence[LatentForceEstimate] | None = None,
-    seed: int = 0,
 ) -> ErrorStage:
-    """Error of the simulator's forecast one sample ahead, from every tenth smoothed state.
-
-    Args:
-        mechanics: the simulator's equations of motion.
-        estimates: the motions to forecast.
-        nominal: motions that the simulator should forecast well, for the floor.
-        seed: of the bootstrap.
-    """
+    """As `compute_forecast_stage`, one sample ahead and from every tenth smoothed state."""
     horizon_s = 1.001 * max(estimate.motion.dt_s for estimate in estimates)
-    return compute_forecast_stage(
-        mechanics, estimates, horizon_s=horizon_s, nominal=nominal, name="one step", seed=seed
-    )
+    return compute_forecast_stage(mechanics, estimates, horizon_s=horizon_s, nominal=nominal, name="one step")
 
 
 def measure_error_stages(
@@ -168,12 +125,10 @@ def measure_error_stages(
     """Compute all stages; a forecast for which no clip is long enough is left out.
 
     Args:
-        mechanics: the simulator's equations of motion.
-        estimates: the real motions.
+        mechanics, estimates: the simulator and the real motions.
         nominal: motions that the simulator should forecast well, for the floors; None if there are none.
         horizon_s: length of the rollouts [s].
-        image_errors: mean squared errors of the real and of the nominal frames; without them the budget
-            starts at the chart.
+        image_errors: mean squared errors of real and nominal frames; without, the budget starts at the chart.
         block: frames in a block of the image errors.
     """
     stages = [] if image_errors is None else [compute_perception_stage(*image_errors, block=block)]
@@ -192,11 +147,8 @@ def compute_stage_shares(
     Differences of neighbouring stages sum to one; a stage that reduces the error of the one before has a
     negative share.
 
-    Args:
-        decoded: mean squared error of images decoded from the encoded positions.
-        smoothed: of images decoded from the smoothed positions.
-        one_step: of images decoded from the simulator's forecast by one step.
-        rollout: of images decoded from the simulator's rollout.
+    The arguments are mean squared errors of images decoded from the encoded and from the smoothed positions,
+    from the simulator's forecast by one step, and from its rollout.
 
     Raises:
         ValueError: a rollout without error.
@@ -217,20 +169,10 @@ def forecast_positions(
     *,
     finest_s: float,
 ) -> Float64[np.ndarray, "B K d"]:
-    """Roll the simulator out from states at the first instants of ``time_s``; all forecasts run side by side.
+    """Positions at ``time_s`` of rollouts from states at its first instants; infinite where one diverges.
 
-    Inputs are linear between samples; the method is Runge-Kutta of fourth order.
-
-    Args:
-        mechanics: the simulator's equations of motion.
-        q: positions to start from.
-        v: velocities to start from.
-        time_s: instants of each forecast [s].
-        u: inputs at these instants.
-        finest_s: longest step of the integrator [s].
-
-    Returns:
-        Positions at ``time_s``; infinite from where a forecast diverges.
+    Inputs ``u`` are linear between samples; the method is Runge-Kutta of fourth order, in steps of at most
+    ``finest_s`` [s].
     """
     d = q.shape[1]
     state = np.concatenate([q, v], axis=1)
@@ -267,14 +209,9 @@ def _compute_forecast_errors(
         if not starts:
             continue
         at = np.array(starts)[:, None] + np.arange(length)
-        path = forecast_positions(
-            mechanics,
-            estimate.q[starts],
-            estimate.v[starts],
-            motion.time_s[at],
-            motion.u[at],
-            finest_s=max(ERROR_BUDGET.max_step_share * horizon_s, 0.25 * motion.dt_s),
-        )
+        finest_s = max(ERROR_BUDGET.max_step_share * horizon_s, 0.25 * motion.dt_s)
+        q, v = estimate.q[starts], estimate.v[starts]
+        path = forecast_positions(mechanics, q, v, motion.time_s[at], motion.u[at], finest_s=finest_s)
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
         errors += np.minimum(squares, ERROR_BUDGET.max_relative_error**2).tolist()
     if not errors:
@@ -292,12 +229,14 @@ def _compute_jitters(estimates: Sequence[LatentForceEstimate]) -> list[float]:
     ]
 
 
-def _bootstrap_stage(name: str, squares: Sequence[float], floor: float | None, seed: int) -> ErrorStage:
-    """Root of the mean of ``squares`` with its bootstrap interval over blocks."""
+def _bootstrap_stage(
+    name: str, squares: Sequence[float], nominal: Sequence[float] | np.ndarray | None
+) -> ErrorStage:
+    """Root of the mean of ``squares`` with its bootstrap interval over blocks, and of ``nominal`` squares."""
     values = np.asarray(squares, dtype=float)
-    resampled = np.random.default_rng(seed).integers(
-        0, len(values), (ERROR_BUDGET.bootstrap_draws, len(values))
-    )
+    floor = None if nominal is None else float(np.sqrt(np.mean(nominal)))
+    shape = (ERROR_BUDGET.bootstrap_draws, len(values))
+    resampled = np.random.default_rng(0).integers(0, len(values), shape)
     tail = 0.5 * (1.0 - ERROR_BUDGET.coverage)
     low, high = np.sqrt(np.quantile(values[resampled].mean(axis=1), [tail, 1.0 - tail]))
     return ErrorStage(name, float(np.sqrt(values.mean())), float(low), float(high), floor)

@@ -11,6 +11,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -18,25 +19,20 @@ from jaxtyping import Float64, Int64
 from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
-from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
 FEATURE_GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exogenous", "memory")
 
 
 @dataclass(frozen=True)
 class ResidualFeatures:
-    """Samples of the residual and the columns that may explain it.
+    """Samples of the residual and the columns that may explain it."""
 
-    ``picked`` (n,) are the samples' numbers in all motions together; ``target`` (n, d) the residual;
-    ``weight`` (n, d) one over its variance; ``fold`` (n,) the cross-validation fold of each sample's block;
-    ``groups`` has for each coordinate a matrix (n, k) by group, k possibly zero.
-    """
-
-    picked: np.ndarray
-    target: np.ndarray
-    weight: np.ndarray
-    fold: np.ndarray
-    groups: tuple[dict[str, np.ndarray], ...]
+    picked: Int64[np.ndarray, " n"]  # number of each sample in all motions together
+    target: Float64[np.ndarray, "n d"]  # residual
+    weight: Float64[np.ndarray, "n d"]  # one over the residual's variance
+    fold: Int64[np.ndarray, " n"]  # cross-validation fold of each sample's block
+    groups: tuple[dict[str, np.ndarray], ...]  # for each coordinate a matrix (n, k) by group; k may be zero
 
 
 def compute_features(
@@ -46,23 +42,13 @@ def compute_features(
     period_s: float,
     lines_hz: Sequence[float] = (),
 ) -> ResidualFeatures:
-    """Compute the features of every coordinate on evenly picked samples.
+    """Features of every coordinate on evenly picked samples, with sinusoids of ``lines_hz`` [Hz] to try.
 
-    Args:
-        mechanics: the simulator's equations of motion.
-        estimates: the motions and their residuals.
-        period_s: the natural period [s].
-        lines_hz: frequencies of sinusoids to try [Hz].
+    ``period_s`` is the natural period [s].
     """
-    q, v, u = (
-        np.concatenate([_get_series(estimate, name) for estimate in estimates]) for name in ("q", "v", "u")
-    )
-    residual = np.concatenate([estimate.residual for estimate in estimates])
-    time_s = np.concatenate([estimate.motion.time_s for estimate in estimates])
+    q, v, u, time_s, residual, std = join_signals(estimates, "q", "v", "u", "time_s", "residual", "std")
     elapsed = np.concatenate([estimate.motion.time_s - estimate.motion.time_s[0] for estimate in estimates])
-    variance = (
-        np.concatenate([estimate.std for estimate in estimates]) ** 2 + (0.05 * np.std(residual, axis=0)) ** 2
-    )
+    variance = std**2 + (0.05 * np.std(residual, axis=0)) ** 2
     rates = np.concatenate([compute_input_rates(estimate) for estimate in estimates])
     fold = _assign_folds(estimates, period_s)
     picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_FEATURES.max_samples))))
@@ -72,9 +58,11 @@ def compute_features(
     simulated = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
     inputs = _scale_columns(u)
     bends = (inputs**3, np.abs(inputs) * inputs, np.tanh(3 * inputs))
-    earlier = lagged[:, mechanics.d * len(RESIDUAL_FEATURES.lags_periods) :]
-    actuated = np.concatenate([inputs, _scale_columns(rates), *bends, earlier], axis=1)
-    outside = _compute_outside_columns(time_s, elapsed / elapsed.max(), lines_hz)
+    n_lagged = mechanics.d * len(RESIDUAL_FEATURES.lags_periods)  # the inputs' lags follow the positions'
+    actuated = np.concatenate([inputs, _scale_columns(rates), *bends, lagged[:, n_lagged:]], axis=1)
+    angles = [2 * np.pi * frequency * time_s for frequency in lines_hz]
+    waves = [function(angle) for angle in angles for function in (np.sin, np.cos)]
+    outside = np.stack([elapsed / elapsed.max(), *waves], axis=1)
     groups = []
     for i in range(mechanics.d):
         other = np.arange(mechanics.d) != i
@@ -88,7 +76,7 @@ def compute_features(
             ),
             "actuation": actuated,
             "exogenous": np.concatenate([outside, _compute_drifting_column(elapsed, position[:, i])], axis=1),
-            "memory": lagged[:, : mechanics.d * len(RESIDUAL_FEATURES.lags_periods)],
+            "memory": lagged[:, :n_lagged],
         }
         groups.append({name: matrix[picked] for name, matrix in members.items()})
     return ResidualFeatures(
@@ -97,19 +85,14 @@ def compute_features(
 
 
 def compute_input_rates(estimate: LatentForceEstimate) -> Float64[np.ndarray, "T n_u"]:
-    """Rates (T, n_u) of the inputs, clip by clip; inputs are known, so differencing them adds no noise."""
-    rates = np.zeros_like(estimate.motion.u)
+    """Rates of the inputs, clip by clip; inputs are known, so differencing them adds no noise."""
+    u, time_s = estimate.motion.u, estimate.motion.time_s
+    rates = np.zeros_like(u)
     for start, stop in estimate.motion.segments:
-        if stop - start > 1 and estimate.motion.n_u:
-            rates[start:stop] = np.gradient(
-                estimate.motion.u[start:stop], estimate.motion.time_s[start:stop], axis=0
-            )
+        if stop - start > 1 and u.shape[1]:
+            rates[start:stop] = np.gradient(u[start:stop], time_s[start:stop], axis=0)
     # The rate of a constant input would be rounding errors.
-    return np.where(np.ptp(estimate.motion.u, axis=0) > 0.0, rates, 0.0)
-
-
-def _get_series(estimate: LatentForceEstimate, name: str) -> np.ndarray:
-    return estimate.motion.u if name == "u" else getattr(estimate, name)
+    return np.where(np.ptp(u, axis=0) > 0.0, rates, 0.0)
 
 
 def _scale_columns(columns: np.ndarray) -> np.ndarray:
@@ -133,16 +116,6 @@ def _compute_resisting_columns(
     return np.stack([velocity, sign, np.abs(velocity) * velocity, np.abs(position) * sign], axis=1)
 
 
-def _compute_outside_columns(
-    time_s: np.ndarray, elapsed: np.ndarray, lines_hz: Sequence[float]
-) -> np.ndarray:
-    """Drift, and a sine and a cosine at each frequency."""
-    columns = [elapsed]
-    for frequency in lines_hz:
-        columns += [np.sin(2 * np.pi * frequency * time_s), np.cos(2 * np.pi * frequency * time_s)]
-    return np.stack(columns, axis=1)
-
-
 def _compute_drifting_column(elapsed: np.ndarray, position: np.ndarray) -> Float64[np.ndarray, "n 1"]:
     """A stiffness that changes in time, without its part along a constant one."""
     changing = elapsed * position
@@ -152,14 +125,12 @@ def _compute_drifting_column(elapsed: np.ndarray, position: np.ndarray) -> Float
 def _compute_lagged_columns(estimate: LatentForceEstimate, period_s: float) -> np.ndarray:
     """Positions and inputs some time earlier; before a clip begins, those at its beginning."""
     columns = np.concatenate([estimate.q, estimate.motion.u], axis=1)
-    lagged = np.empty((len(columns), columns.shape[1] * len(RESIDUAL_FEATURES.lags_periods)))
+    lags_s = [share * period_s for share in RESIDUAL_FEATURES.lags_periods]
+    lagged = np.empty((len(columns), columns.shape[1] * len(lags_s)))
     for start, stop in estimate.motion.segments:
         time_s = estimate.motion.time_s[start:stop]
-        for i in range(lagged.shape[1]):
-            lag = RESIDUAL_FEATURES.lags_periods[i % len(RESIDUAL_FEATURES.lags_periods)] * period_s
-            lagged[start:stop, i] = np.interp(
-                time_s - lag, time_s, columns[start:stop, i // len(RESIDUAL_FEATURES.lags_periods)]
-            )
+        for i, (column, lag_s) in enumerate(product(columns[start:stop].T, lags_s)):
+            lagged[start:stop, i] = np.interp(time_s - lag_s, time_s, column)
     return _scale_columns(lagged - lagged.mean(axis=0))
 
 
@@ -170,6 +141,5 @@ def _assign_folds(estimates: Sequence[LatentForceEstimate], period_s: float) -> 
         passed = np.cumsum(compute_sample_weights(estimate))
         elapsed.append(before + passed)
         before += float(passed[-1])
-    return (np.concatenate(elapsed) / (RESIDUAL_FEATURES.block_periods * period_s)).astype(
-        np.int64
-    ) % RESIDUAL_FEATURES.folds
+    blocks = np.concatenate(elapsed) / (RESIDUAL_FEATURES.block_periods * period_s)
+    return blocks.astype(np.int64) % RESIDUAL_FEATURES.folds

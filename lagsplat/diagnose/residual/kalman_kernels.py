@@ -1,14 +1,14 @@
 # mypy: ignore-errors
 """Compiled Kalman filter of a mechanism with latent forces, and the disturbance smoother behind it.
 
-The state of d coordinates is (q, v, r, r', e), each (d,): position, velocity, latent force, its rate, and
-coloured measurement noise. Only q + e is observed. The state has n = 4d entries with white noise, which needs
-no e, and n = 5d with coloured noise. The smoother runs the recursion of the disturbances backwards, which
-inverts no state covariance, and yields the derivative of the log-likelihood with respect to every variance on
-the way. Numba compiles these functions and infers their types, so they carry no annotations.
+The state of d coordinates is (q, v, r, r'), each (d,) and n = 4d together: position, velocity, latent force
+and its rate. Only q is observed, with white noise. The smoother runs the recursion of the disturbances
+backwards, which inverts no state covariance, and yields the derivative of the log-likelihood with respect to
+every variance on the way. Numba compiles these functions and infers their types, so they carry no
+annotations.
 
-Names follow the source: ``design`` is Z, ``transition`` T, ``innovation`` v, ``inverse`` the inverse of F,
-``information`` N.
+Names follow the source: ``transition`` is T, ``innovation`` v, ``inverse`` the inverse of F, ``information``
+N; Z picks q.
 
 Source: J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd ed., 4.3-4.5 and 7.3.3.
 """
@@ -78,28 +78,20 @@ def _set_start(x, p, y, start, variances, rate):
         p[d + i, d + i] = start[d + i]
         p[2 * d + i, 2 * d + i] = variances[i]
         p[3 * d + i, 3 * d + i] = rate * rate * variances[i]
-        if len(x) == 5 * d:
-            p[4 * d + i, 4 * d + i] = variances[d + i]
 
 
 @njit(cache=True)
-def _observe(x, p, y, design, variances, innovation, inverse, gain):
+def _observe(x, p, y, variances, innovation, inverse, gain):
     """Fill innovation (d,), inverse covariance (d, d) and gain (n, d) of one sample, from the prediction.
 
     Returns the covariance (n, d) of state and observation, and the log density of the innovation.
     """
     d = len(y)
-    n = len(x)
-    cross = np.empty((n, d))
-    s = np.empty((d, d))
-    _multiply_transposed(p, design, cross)
-    _multiply(design, cross, s)
+    cross = p[:, :d].copy()
+    s = cross[:d].copy()
     for j in range(d):
-        innovation[j] = y[j]
-        for i in range(n):
-            innovation[j] -= design[j, i] * x[i]
-        if n == 4 * d:
-            s[j, j] += variances[d + j]
+        innovation[j] = y[j] - x[j]
+        s[j, j] += variances[d + j]
     inverse[:] = np.linalg.inv(s)
     _multiply(cross, inverse, gain)
     quadratic = 0.0
@@ -110,7 +102,7 @@ def _observe(x, p, y, design, variances, innovation, inverse, gain):
 
 
 @njit(cache=True)
-def _advance(x, p, cross, innovation, gain, transition, offset, drive, colour, variances, work):
+def _advance(x, p, cross, innovation, gain, transition, offset, drive, variances, work):
     """Condition the prediction on the observation, then predict the next sample; all in place."""
     d = len(innovation)
     n = len(x)
@@ -130,32 +122,28 @@ def _advance(x, p, cross, innovation, gain, transition, offset, drive, colour, v
         for a in range(2):
             for b in range(2):
                 p[(2 + a) * d + i, (2 + b) * d + i] += drive[a, b] * variances[i]
-        if n == 5 * d:
-            p[4 * d + i, 4 * d + i] += colour * variances[d + i]
     for i in range(n):
         for k in range(i):
             p[i, k] = p[k, i] = 0.5 * (p[i, k] + p[k, i])
 
 
 @njit(cache=True)
-def filter_forward(y, starts, design, transition, offset, drive, colour, variances, rate, start):
+def filter_forward(y, starts, transition, offset, drive, variances, rate, start):
     """Run the Kalman filter over all clips.
 
     Args:
         y: observations (T, d).
         starts: (T,) True where a clip begins.
-        design: (d, n), the part of the state that is observed.
         transition: (T, n, n), from each sample to the next.
         offset: (T, n), added to the state on the way.
         drive: (T, 2, 2) process noise of (r, r') for a force of variance one.
-        colour: (T,) process noise of e for measurement noise of variance one.
         variances: (2d,) of the forces, then of the measurement noise.
         rate: decay rate of the Matern-3/2 covariance of the forces.
         start: (2d,) variances of the first q and v of a clip.
 
     Returns:
-        Predicted means (T, n), their covariances (T, n, n), innovations (T, d), the inverses of
-        their covariances (T, d, d), gains (T, n, d) and the log-likelihood [nats].
+        Predicted means (T, n), their covariances (T, n, n), innovations (T, d), the inverses of their
+        covariances (T, d, d), gains (T, n, d) and the log-likelihood [nats].
     """
     length, d = y.shape
     n = transition.shape[1]
@@ -173,22 +161,10 @@ def filter_forward(y, starts, design, transition, offset, drive, colour, varianc
             _set_start(x, p, y[t], start, variances, rate)
         mean[t] = x
         covariance[t] = p
-        cross, density = _observe(x, p, y[t], design, variances, innovation[t], inverse[t], gain[t])
+        cross, density = _observe(x, p, y[t], variances, innovation[t], inverse[t], gain[t])
         likelihood += density
         if t + 1 < length and not starts[t + 1]:
-            _advance(
-                x,
-                p,
-                cross,
-                innovation[t],
-                gain[t],
-                transition[t],
-                offset[t],
-                drive[t],
-                colour[t],
-                variances,
-                work,
-            )
+            _advance(x, p, cross, innovation[t], gain[t], transition[t], offset[t], drive[t], variances, work)
     return mean, covariance, innovation, inverse, gain, likelihood
 
 
@@ -206,7 +182,7 @@ def _propagate_backward(r, information, transition, work):
 
 
 @njit(cache=True)
-def _update_backward(r, information, design, innovation, inverse, gain, score, work):
+def _update_backward(r, information, innovation, inverse, gain, score, work):
     """Carry ``r`` and ``information`` back over an observation, in place.
 
     Adds the derivatives by the variances of white measurement noise to ``score``.
@@ -227,19 +203,13 @@ def _update_backward(r, information, design, innovation, inverse, gain, score, w
             u -= gain[k, i] * r[k]
         back[i] = u
     for i in range(d):
-        if n == 4 * d:
-            score[d + i] += 0.5 * (back[i] ** 2 - middle[i, i])
-        for k in range(n):
-            r[k] += design[i, k] * back[i]
+        score[d + i] += 0.5 * (back[i] ** 2 - middle[i, i])
+        r[i] += back[i]
     # N <- L^T N L + Z^T F^-1 Z with L = I - K Z
-    wide = np.empty((d, n))
-    _multiply(middle, design, wide)
+    both = np.zeros((n, n))
     for j in range(d):
         for k in range(n):
-            wide[j, k] *= 0.5
-            wide[j, k] -= shrunk[k, j]
-    both = np.empty((n, n))
-    _transposed_multiply(design, wide, both)
+            both[j, k] = (0.5 * middle[j, k] if k < d else 0.0) - shrunk[k, j]
     for i in range(n):
         for k in range(n):
             work[i, k] = information[i, k] + both[i, k] + both[k, i]
@@ -249,7 +219,7 @@ def _update_backward(r, information, design, innovation, inverse, gain, score, w
 
 
 @njit(cache=True)
-def _add_scores(score, r, information, drive, colour):
+def _add_scores(score, r, information, drive):
     """Add the derivatives of the log-likelihood by the variances that drive a step to ``score`` (2d,)."""
     d = len(score) // 2
     for i in range(d):
@@ -257,28 +227,15 @@ def _add_scores(score, r, information, drive, colour):
             for b in range(2):
                 row, column = (2 + a) * d + i, (2 + b) * d + i
                 score[i] += 0.5 * drive[a, b] * (r[row] * r[column] - information[row, column])
-        if len(r) == 5 * d:
-            e = 4 * d + i
-            score[d + i] += 0.5 * colour * (r[e] * r[e] - information[e, e])
 
 
 @njit(cache=True)
-def smooth_backward(starts, design, transition, drive, colour, rate, filtered, moments):
-    """Run the disturbance smoother backwards over all clips.
-
-    Args:
-        starts: (T,) True where a clip begins.
-        design: (d, n), the part of the state that is observed.
-        transition: (T, n, n), from each sample to the next.
-        drive: (T, 2, 2) process noise of (r, r') for a force of variance one.
-        colour: (T,) process noise of e for measurement noise of variance one.
-        rate: decay rate of the Matern-3/2 covariance of the forces.
-        filtered: what `filter_forward` returned.
-        moments: whether to compute smoothed means and covariances; without, these stay empty.
+def smooth_backward(starts, transition, drive, rate, filtered, moments):
+    """Run the disturbance smoother backwards over what `filter_forward` returned, with its arguments.
 
     Returns:
-        Smoothed means (T, n) and covariances (T, n, n), and the derivatives (2d,) of the log-likelihood by
-        the variances.
+        Smoothed means (T, n) and covariances (T, n, n), empty unless ``moments`` are asked for, and the
+        derivatives (2d,) of the log-likelihood by the variances.
     """
     mean, covariance, innovation, inverse, gain, _ = filtered
     length, n = mean.shape
@@ -296,11 +253,11 @@ def smooth_backward(starts, design, transition, drive, colour, rate, filtered, m
             r[:] = 0.0
             information[:] = 0.0
         else:
-            _add_scores(score, r, information, drive[t], colour[t])
+            _add_scores(score, r, information, drive[t])
             _propagate_backward(r, information, transition[t], work)
-        _update_backward(r, information, design, innovation[t], inverse[t], gain[t], score, work)
+        _update_backward(r, information, innovation[t], inverse[t], gain[t], score, work)
         if starts[t]:
-            _add_scores(score, r, information, at_start, 1.0)
+            _add_scores(score, r, information, at_start)
         if moments:
             p = covariance[t]
             _multiply(p, information, work)

@@ -9,7 +9,7 @@ position is differenced.
 Forces are accelerations throughout: they are divided by the inertia at rest (`compute_rest_inertia`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,27 +40,21 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 class LatentForceEstimate:
     """A motion and the force that its simulator lacks.
 
-    ``q``, ``v``, ``a`` (T, d) are smoothed position, velocity and acceleration. ``residual`` (T, d) is the
-    force that the simulator lacks (real minus simulated) over the inertia at rest, and ``covariance``
-    (T, d, d) its covariance. ``innovation`` (T, d) is measured minus smoothed position. The rest is common to
-    all motions that were smoothed together: ``evidence`` (d,) nats by which each force makes the measurements
-    more likely (a force with fewer than `LATENT_FORCE.min_log_likelihood_gain` is not kept), ``amplitude``
-    (d,) standard deviation of the force over the inertia at rest, ``noise`` (d,) that of the measurement,
-    ``length_s`` the force's length scale [s], ``log_likelihood`` [nats].
+    From ``evidence`` on, all motions that were smoothed together have the same values.
     """
 
     motion: Trajectory
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    residual: np.ndarray
-    covariance: np.ndarray
-    innovation: np.ndarray
-    evidence: np.ndarray
-    amplitude: np.ndarray
-    noise: np.ndarray
-    length_s: float
-    log_likelihood: float
+    q: Float64[np.ndarray, "T d"]  # smoothed position
+    v: Float64[np.ndarray, "T d"]  # smoothed velocity
+    a: Float64[np.ndarray, "T d"]  # smoothed acceleration
+    residual: Float64[np.ndarray, "T d"]  # real minus simulated force over the inertia at rest
+    covariance: Float64[np.ndarray, "T d d"]  # of the residual
+    innovation: Float64[np.ndarray, "T d"]  # measured minus smoothed position
+    evidence: Float64[np.ndarray, " d"]  # nats by which each force makes the measurements more likely
+    amplitude: Float64[np.ndarray, " d"]  # standard deviation of the force over the inertia at rest
+    noise: Float64[np.ndarray, " d"]  # standard deviation of the measurement noise
+    length_s: float  # length scale of the force [s]
+    log_likelihood: float  # [nats]
 
     @property
     def std(self) -> np.ndarray:
@@ -69,12 +63,19 @@ class LatentForceEstimate:
 
     @property
     def active(self) -> Bool[np.ndarray, " d"]:
-        """Which coordinates have a force with enough evidence to be kept."""
+        """Which coordinates have a force with enough evidence to be kept; the others' residual is zero."""
         return self.evidence >= LATENT_FORCE.min_log_likelihood_gain
 
 
+def join_signals(estimates: Sequence[LatentForceEstimate], *names: str) -> Iterator[np.ndarray]:
+    """The named fields of all estimates, or of their motions (``u``, ``time_s``), one after another."""
+    for name in names:
+        owners = [estimate.motion if name in ("u", "time_s") else estimate for estimate in estimates]
+        yield np.concatenate([getattr(owner, name) for owner in owners])
+
+
 def compute_rms_acceleration(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
-    """Root mean square (d,) of each coordinate's acceleration, the unit in which its residual is measured."""
+    """Root mean square of each coordinate's acceleration, the unit in which its residual is measured."""
     return np.sqrt(np.mean(np.concatenate([estimate.a for estimate in smoothed]) ** 2, axis=0))
 
 
@@ -85,7 +86,7 @@ def compute_relative_squares(smoothed: Sequence[LatentForceEstimate]) -> list[Fl
 
 
 def compute_coordinate_shares(smoothed: Sequence[LatentForceEstimate]) -> Float64[np.ndarray, " d"]:
-    """Share (d,) of the squared residual in each coordinate, summing to one; zeros where there is none."""
+    """Share of the squared residual in each coordinate, summing to one; zeros where there is none."""
     total = np.sum([square.sum(axis=0) for square in compute_relative_squares(smoothed)], axis=0)
     return total / total.sum() if total.sum() > 0.0 else total
 
@@ -95,21 +96,14 @@ def estimate_latent_force(
     motions: Sequence[Trajectory],
     *,
     period_s: float,
-    ar1: float = 0.0,
     hold: str = "linear",
-    noise: Float64[np.ndarray, " d"] | None = None,
 ) -> list[LatentForceEstimate]:
     """Estimate the path and the latent force of all ``motions`` under one set of variances.
 
     Measured velocities are not used: most are filtered positions, delayed and smoothed in unknown ways.
 
-    Args:
-        mechanics: the simulator's equations of motion.
-        motions: measured positions and inputs.
-        period_s: the natural period [s].
-        ar1: correlation in [0, 1) of the measurement noise from one sample to the next.
-        hold: "linear" for inputs that are linear between samples, "zoh" for constant ones.
-        noise: standard deviation (d,) of the measurement noise; by default it is estimated.
+    ``period_s`` is the natural period [s]; ``hold`` is "linear" for inputs that are linear between samples,
+    "zoh" for constant ones.
 
     Raises:
         ValueError: another number of coordinates or inputs than the simulator has, or a coordinate that never
@@ -120,14 +114,11 @@ def estimate_latent_force(
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
     """
-    record = _build_record(mechanics, motions, period_s, ar1)
+    record = _build_record(mechanics, motions, period_s)
     inputs = _stack_inputs(motions, hold)
-    known = noise is not None
     start = guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
-    if noise is not None:
-        start = replace(start, values=np.append(start.values[: record.d], (noise / record.scale) ** 2))
     kinematic = compute_kinematic_steps(record.h, record.d)
-    free = maximize_likelihood(record, kinematic, start, noise_known=known)
+    free = maximize_likelihood(record, kinematic, start)
     path = smooth_path(record, kinematic, free)
     fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
@@ -138,26 +129,24 @@ def estimate_latent_force(
     # The model explains most of the acceleration now, so the search starts from a small force.
     first = replace(free, values=free.values * np.repeat([LATENT_FORCE.start_force_share, 1.0], record.d))
     linear = steps(path, with_force=False)
-    best = maximize_likelihood(record, linear, first, noise_known=known)
+    best = maximize_likelihood(record, linear, first)
     linear = steps(smooth_path(record, linear, best), with_force=True)
-    best, gained = _choose_length_scale(record, linear, best, period_s, noise_known=known)
+    best, gained = _choose_length_scale(record, linear, best, period_s)
     path = smooth_path(record, linear, best)
     for _ in range(LATENT_FORCE.max_iterations):
         previous, path = path, smooth_path(record, steps(path, with_force=True), best)
-        if (
-            np.max(np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale)
-            < LATENT_FORCE.path_tolerance
-        ):
+        change = np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale
+        if np.max(change) < LATENT_FORCE.path_tolerance:
             break
-    return _require_finite(_split_by_motion(mechanics, motions, record, path, gained))
+    return _split_by_motion(mechanics, motions, record, path, gained)
 
 
 def _choose_length_scale(
-    record: SmootherData, steps: LinearSteps, start: ForceVariances, period_s: float, *, noise_known: bool
+    record: SmootherData, steps: LinearSteps, start: ForceVariances, period_s: float
 ) -> tuple[ForceVariances, Float64[np.ndarray, " d"]]:
     """Variances at the likeliest length scale, with only forces of enough evidence, and the evidence (d,)."""
     candidates = [
-        maximize_likelihood(record, steps, replace(start, length_s=share * period_s), noise_known=noise_known)
+        maximize_likelihood(record, steps, replace(start, length_s=share * period_s))
         for share in LATENT_FORCE.length_scales_periods
     ]
     best = max(candidates, key=lambda candidate: candidate.log_likelihood)
@@ -167,20 +156,7 @@ def _choose_length_scale(
     return replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values)), gained
 
 
-def _require_finite(estimates: list[LatentForceEstimate]) -> list[LatentForceEstimate]:
-    """Return the estimates if all their numbers are finite; else raise."""
-    for estimate in estimates:
-        for values in (estimate.v, estimate.a, estimate.residual, estimate.std):
-            if not np.isfinite(values).all():
-                raise np.linalg.LinAlgError(
-                    "the sim's forces are not finite along the motion; check units and signs"
-                )
-    return estimates
-
-
-def _build_record(
-    mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float, ar1: float
-) -> SmootherData:
+def _build_record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float) -> SmootherData:
     """Positions of all motions, checked against the simulator, with the scales of the state-space model."""
     for motion in motions:
         if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
@@ -197,7 +173,7 @@ def _build_record(
     if not np.all(scale > 0.0):
         raise ValueError(f"coordinates {np.flatnonzero(scale == 0.0).tolist()} stand still in every motion")
     h = np.where(np.append(starts[1:], True), 0.0, np.append(np.diff(times), 0.0))
-    return SmootherData(np.ascontiguousarray(y, dtype=float), starts, h, scale, period_s / (2.0 * np.pi), ar1)
+    return SmootherData(np.ascontiguousarray(y, dtype=float), starts, h, scale, period_s / (2.0 * np.pi))
 
 
 def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
@@ -213,21 +189,11 @@ def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarra
 
 def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, with_force: bool) -> StatePath:
     """States, inputs and force about which the mechanism is linearised."""
-    steps: Bool[np.ndarray, " T"] = record.h > 0.0
-    h = record.h[:, None]
     q, v = at.q, at.v
-    ahead = np.minimum(np.arange(len(q)) + 1, len(q) - 1)
-    ahead = np.where(steps, ahead, np.arange(len(q)))
-    middle = 0.5 * (q + q[ahead]) + 0.125 * h * (v - v[ahead])
-    return StatePath(
-        h=record.h,
-        q=q,
-        v=v,
-        middle=middle,
-        end=q[ahead],
-        u=inputs,
-        r=at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1])),
-    )
+    ahead = np.arange(len(q)) + (record.h > 0.0)
+    middle = 0.5 * (q + q[ahead]) + 0.125 * record.h[:, None] * (v - v[ahead])
+    force = at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1]))
+    return StatePath(record.h, q, v, middle, q[ahead], inputs, force)
 
 
 def _split_by_motion(
@@ -237,29 +203,32 @@ def _split_by_motion(
     path: SmoothedPath,
     gained: np.ndarray,
 ) -> list[LatentForceEstimate]:
-    """Estimates of the single motions from the path of all."""
-    results, start = [], 0
+    """Estimates of the single motions from the path of all; all their numbers are finite."""
+    estimates, start = [], 0
     inertia = compute_rest_inertia(mechanics)
-    values = path.variances.values
+    force_variance, noise_variance = np.split(path.variances.values, 2)
     for motion in motions:
         part = slice(start, start + motion.n)
         start += motion.n
         q, v, r = path.q[part], path.v[part], path.force[part]
         response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
-        results.append(
-            LatentForceEstimate(
-                motion=motion,
-                q=q,
-                v=v,
-                a=mechanics.acceleration(q, v, motion.u) + response,
-                residual=r,
-                covariance=path.covariance[part],
-                innovation=motion.q - q,
-                evidence=gained,
-                amplitude=np.sqrt(values[: record.d]) * record.force_scale,
-                noise=np.sqrt(values[record.d :]) * record.scale,
-                length_s=path.variances.length_s,
-                log_likelihood=path.variances.log_likelihood,
-            )
+        estimate = LatentForceEstimate(
+            motion=motion,
+            q=q,
+            v=v,
+            a=mechanics.acceleration(q, v, motion.u) + response,
+            residual=r,
+            covariance=path.covariance[part],
+            innovation=motion.q - q,
+            evidence=gained,
+            amplitude=np.sqrt(force_variance) * (record.scale / record.unit_s**2),
+            noise=np.sqrt(noise_variance) * record.scale,
+            length_s=path.variances.length_s,
+            log_likelihood=path.variances.log_likelihood,
         )
-    return results
+        if not all(np.isfinite(x).all() for x in (v, estimate.a, r, estimate.std)):
+            raise np.linalg.LinAlgError(
+                "the sim's forces are not finite along the motion; check units and signs"
+            )
+        estimates.append(estimate)
+    return estimates

@@ -25,28 +25,24 @@ MAX_SUBSTEPS = 300  # Runge-Kutta steps that a sample is worth
 
 @dataclass(frozen=True)
 class StatePath:
-    """States and additional force about which steps are linearised.
+    """States and additional force about which steps are linearised."""
 
-    ``h`` (S,) step lengths [s]; ``q``, ``v`` (S, d) at the start; ``middle`` and ``end`` (S, d) the positions
-    later in the step; ``u`` (S, 3, n_u) inputs and ``r`` (S, 3, d) additional force at start, middle and end.
-    """
-
-    h: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    middle: np.ndarray
-    end: np.ndarray
-    u: np.ndarray
-    r: np.ndarray
+    h: Float64[np.ndarray, " S"]  # step lengths [s]
+    q: Float64[np.ndarray, "S d"]  # positions at the start
+    v: Float64[np.ndarray, "S d"]  # velocities at the start
+    middle: Float64[np.ndarray, "S d"]  # positions in the middle of the step
+    end: Float64[np.ndarray, "S d"]  # positions at its end
+    u: Float64[np.ndarray, "S 3 n_u"]  # inputs at start, middle and end
+    r: Float64[np.ndarray, "S 3 d"]  # additional force at start, middle and end
 
 
 @dataclass(frozen=True)
 class LinearSteps:
-    """Linear steps: ``phi`` (S, 2d, 2d), ``gamma`` (S, 3, 2d, d) and ``offset`` (S, 2d)."""
+    """Linear steps, in the symbols of the module."""
 
-    phi: np.ndarray
-    gamma: np.ndarray
-    offset: np.ndarray
+    phi: Float64[np.ndarray, "S 2d 2d"]
+    gamma: Float64[np.ndarray, "S 3 2d d"]
+    offset: Float64[np.ndarray, "S 2d"]
 
 
 def linearize_steps(
@@ -54,11 +50,8 @@ def linearize_steps(
 ) -> LinearSteps:
     """Linearise the steps of a mechanism along ``path``.
 
-    Args:
-        mechanics: the simulator's equations of motion.
-        path: where to linearise.
-        scale: typical excursion (d,) of each coordinate; it sets the size of the differences.
-        period_s: the shortest natural period [s]; it sets the number of Runge-Kutta steps in a sample step.
+    ``scale``, the typical excursion of each coordinate, sets the size of the differences, and ``period_s``,
+    the shortest natural period [s], the number of Runge-Kutta steps in a sample step.
 
     Raises:
         LinAlgError: the fastest mode needs more than `LINEARIZATION.max_substeps` of these.
@@ -74,9 +67,7 @@ def linearize_steps(
     eps = DIFFERENCE_STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
     displacements = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
     count = _count_substeps(path.h, period_s)
-    reached = _integrate_steps(
-        mechanics, state + displacements[:, None, :], path.h, path.u, accelerations, count
-    )
+    reached = _integrate_steps(mechanics, state + displacements[:, None, :], path, accelerations, count)
     phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
     gamma = _compute_simpson_response(response, path.h)
     offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
@@ -95,7 +86,7 @@ def _count_substeps(h: np.ndarray, period_s: float) -> int:
 
 
 def compute_kinematic_steps(h: Float64[np.ndarray, " S"], d: int) -> LinearSteps:
-    """Steps of lengths ``h`` (S,) without any mechanics: all acceleration is the additional force."""
+    """Steps of lengths ``h`` without any mechanics: all acceleration is the additional force."""
     phi = np.broadcast_to(np.eye(2 * d), (len(h), 2 * d, 2 * d)).copy()
     phi[:, :d, d:] = h[:, None, None] * np.eye(d)
     response = np.broadcast_to(np.eye(d), (len(h), 3, d, d))
@@ -106,31 +97,20 @@ def _compute_simpson_response(response: np.ndarray, h: np.ndarray) -> np.ndarray
     """Effect of the additional force at three instants on position and velocity, (S, 3, 2d, d)."""
     to_velocity = np.array([1.0, 4.0, 1.0]) / 6.0
     to_position = np.array([1.0, 2.0, 0.0]) / 6.0
-    rows = h[:, None, None, None] * response
-    return np.concatenate(
-        [
-            h[:, None, None, None] * to_position[:, None, None] * rows,
-            to_velocity[:, None, None] * rows,
-        ],
-        axis=2,
-    )
+    h = h[:, None, None, None]
+    rows = h * response
+    return np.concatenate([h * to_position[:, None, None] * rows, to_velocity[:, None, None] * rows], axis=2)
 
 
 def _integrate_steps(
-    mechanics: Mechanics,
-    state: np.ndarray,  # (moves, S, 2d)
-    h: np.ndarray,
-    u: np.ndarray,
-    outside: np.ndarray,
-    count: int,
+    mechanics: Mechanics, state: np.ndarray, path: StatePath, outside: np.ndarray, count: int
 ) -> np.ndarray:
-    """Integrate steps of lengths ``h`` (S,) from ``state`` (moves, S, 2d).
+    """Integrate all steps from ``state`` (moves, S, 2d), each by ``count`` Runge-Kutta steps.
 
-    Each takes ``count`` Runge-Kutta steps. The inputs ``u`` and the accelerations ``outside`` (S, 3, d) of
-    the additional force follow parabolas in a step.
+    The inputs and the accelerations ``outside`` (S, 3, d) of the additional force follow parabolas in a step.
     """
     d = state.shape[-1] // 2
-    part = (h / count)[:, None]
+    part = (path.h / count)[:, None]
 
     def at(values: np.ndarray, phase: float) -> np.ndarray:
         first, middle, last = values[:, 0], values[:, 1], values[:, 2]
@@ -142,7 +122,7 @@ def _integrate_steps(
 
     def slope(x: np.ndarray, phase: float) -> np.ndarray:
         q, v = x[..., :d], x[..., d:]
-        inputs = np.broadcast_to(at(u, phase), (*x.shape[:-1], u.shape[-1]))
+        inputs = np.broadcast_to(at(path.u, phase), (*x.shape[:-1], path.u.shape[-1]))
         rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
         flat = (values.reshape(rows, values.shape[-1]) for values in (q, v, inputs))
         acceleration = mechanics.acceleration(*flat)

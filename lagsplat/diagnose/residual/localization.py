@@ -5,7 +5,7 @@ kind of term.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from lagsplat.diagnose.residual.latent_force import (
     compute_relative_squares,
     estimate_latent_force,
 )
-from lagsplat.diagnose.residual.measurement_model import compute_distortion_share, measure_speed_noise
+from lagsplat.diagnose.residual.measurement_model import compute_apparent_forces, measure_speed_noise
 from lagsplat.diagnose.residual.spectrum import ResidualSpectrum, compute_spectrum
 from lagsplat.diagnose.residual.state_maps import StateMap, StateRegion, find_state_regions
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -33,31 +33,21 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class ResidualLocation:
-    """Where a gap lies; shares are of the squared residual over each coordinate's mean squared acceleration.
+    """Where a gap lies; shares are of the squared residual over the mean squared acceleration."""
 
-    ``level`` is "perception", "chart", "actuation" or "dynamics"; ``coordinates`` the share by name;
-    ``time_s`` (file, start [s], end [s], share) of events; ``frequency_hz`` (low [Hz], high [Hz], share) of
-    bands; ``state_region`` by coordinate, the boxes in which the residual keeps its sign; ``image_region`` as
-    returned by `describe_image_region`, None without images; ``components`` the share by kind of term, with
-    "unexplained"; ``memory_index`` in [0, 1]; ``evidence`` nats by which each coordinate's residual force
-    makes the recording more likely; ``size`` rms of the residual over that of the acceleration: at a
-    hundredth or less, the rest says little. For figures: ``smoothed`` of every motion, ``spectrum`` (None for
-    short clips), ``maps`` over the state.
-    """
-
-    level: str
-    coordinates: dict[str, float]
-    time_s: tuple[tuple[str, float, float, float], ...]
-    frequency_hz: tuple[tuple[float, float, float], ...]
-    state_region: dict[str, Any]
-    image_region: dict[str, Any] | None
-    components: dict[str, float]
-    memory_index: float
-    evidence: dict[str, float]
-    size: float
+    level: str  # "perception", "chart", "actuation" or "dynamics"
+    coordinates: dict[str, float]  # share by name
+    time_s: tuple[tuple[str, float, float, float], ...]  # events: file, start [s], end [s], share
+    frequency_hz: tuple[tuple[float, float, float], ...]  # bands: low [Hz], high [Hz], share
+    state_region: dict[str, Any]  # by coordinate, the boxes in which the residual keeps its sign
+    components: dict[str, float]  # share by kind of term, with "unexplained"
+    memory_index: float  # in [0, 1]
+    evidence: dict[str, float]  # nats by which each coordinate's residual force makes the recording likelier
+    size: float  # rms of the residual over the acceleration's; at a hundredth or less the rest says little
     smoothed: tuple[LatentForceEstimate, ...]
-    spectrum: ResidualSpectrum | None
+    spectrum: ResidualSpectrum | None  # None where clips are short
     maps: tuple[StateMap, ...]
+    image_region: dict[str, Any] | None = None  # as of `describe_image_region`; None without images
 
 
 def locate(
@@ -65,51 +55,45 @@ def locate(
     motions: Sequence[Trajectory],
     *,
     period_s: float | None = None,
-    ar1: float = 0.0,
     hold: str = "linear",
-    noise: np.ndarray | None = None,
     perception_suspect: bool = False,
-    image_region: dict[str, Any] | None = None,
 ) -> ResidualLocation:
     """Locate the force that ``mechanics`` lacks on ``motions``.
 
     Args:
-        mechanics: the simulator's equations of motion.
-        motions: the recording.
+        mechanics, motions, hold: as of `estimate_latent_force`.
         period_s: the natural period [s], by default the simulator's slowest at rest.
-        ar1: correlation of the measurement noise from one sample to the next.
-        hold: "linear" for inputs that are linear between samples, "zoh" for constant ones.
-        noise: standard deviation (d,) of the measurement noise; by default it is estimated.
-        perception_suspect: images are decoded or encoded worse than those the simulator was fitted to,
-            which makes perception the level in any case.
-        image_region: what is known of the place in the image, to be passed on.
+        perception_suspect: images are read worse than those that the simulator was fitted to, which makes
+            perception the level in any case.
 
     Raises:
         ValueError: as `estimate_latent_force`; or the simulator has no natural period and none is given.
     """
     scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
     period = compute_rest_period_s(mechanics, scale) if period_s is None else period_s
-    estimates = estimate_latent_force(mechanics, motions, period_s=period, ar1=ar1, hold=hold, noise=noise)
+    estimates = estimate_latent_force(mechanics, motions, period_s=period, hold=hold)
     coordinate_share = compute_coordinate_shares(estimates)
     spectrum = compute_spectrum(estimates, period_s=period)
-    features = compute_features(
-        mechanics, estimates, period_s=period, lines_hz=_find_undriven_lines(spectrum, motions[0].n_u)
-    )
+    lines_hz = _find_undriven_lines(spectrum, motions[0].n_u) if spectrum is not None else []
+    features = compute_features(mechanics, estimates, period_s=period, lines_hz=lines_hz)
     events = find_events(estimates, period_s=period)
     components = _assign_brief_events(compute_components(features, coordinate_share), events, estimates)
     regions, maps = find_state_regions(estimates, period_s=period)
     names = motions[0].q_names
+    is_perception = perception_suspect or _is_noise_of_speed(estimates, period)
+    level = (
+        "perception"
+        if is_perception
+        else _decide_level(mechanics, estimates, features, coordinate_share, components.shares)
+    )
     return ResidualLocation(
-        level=_decide_level(
-            mechanics, estimates, features, coordinate_share, components, period, perception_suspect
-        ),
+        level=level,
         coordinates=dict(zip(names, coordinate_share.tolist(), strict=True)),
         time_s=tuple(
             (motions[event.motion].source, event.start_s, event.end_s, event.share) for event in events
         ),
         frequency_hz=() if spectrum is None else spectrum.bands,
         state_region=_describe_regions(regions, names),
-        image_region=image_region,
         components=components.shares,
         memory_index=components.memory_index,
         evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
@@ -120,10 +104,8 @@ def locate(
     )
 
 
-def _find_undriven_lines(spectrum: ResidualSpectrum | None, n_u: int) -> list[float]:
-    """Frequencies of lines that no input drives."""
-    if spectrum is None:
-        return []
+def _find_undriven_lines(spectrum: ResidualSpectrum, n_u: int) -> list[float]:
+    """Frequencies of the clearest lines that no input drives."""
     undriven = []
     for line in spectrum.lines:
         at = int(np.argmin(np.abs(spectrum.frequency_hz - line.frequency_hz)))
@@ -141,21 +123,18 @@ def _assign_brief_events(
     Left-out blocks cannot predict a brief event. If it acts at positions that the motion reaches at no other
     time, position may be its cause instead.
     """
+    shares = components.shares
     duration_s = sum(event.end_s - event.start_s for event in events)
     event_share = sum(event.share for event in events)
-    open_share = components.shares["unexplained"] + components.shares["memory"]
-    brief = duration_s < LOCALIZATION.max_event_time_share * sum(
-        estimate.motion.duration_s for estimate in estimates
-    )
+    open_share = shares["unexplained"] + shares["memory"]
+    recorded_s = sum(estimate.motion.duration_s for estimate in estimates)
+    brief = duration_s < LOCALIZATION.max_event_time_share * recorded_s
     if open_share < 0.5 or event_share < LOCALIZATION.min_event_energy_share or not brief:
         return components
     cause = "conservative" if _acts_beyond_usual_positions(events, estimates) else "exogenous"
-    moved = {
-        "memory": 0.0,
-        "unexplained": (1.0 - event_share) * open_share,
-        cause: components.shares[cause] + event_share * open_share,
-    }
-    return ResidualComponents(components.shares | moved, components.memory_index)
+    moved = {"memory": 0.0, "unexplained": (1.0 - event_share) * open_share}
+    moved[cause] = shares[cause] + event_share * open_share
+    return replace(components, shares=shares | moved)
 
 
 def _acts_beyond_usual_positions(
@@ -175,66 +154,39 @@ def _acts_beyond_usual_positions(
 
 
 def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:
-    """Regions by coordinate as plain values."""
-    return {
-        name: [
-            {
-                "position": list(region.position),
-                "velocity": None if region.velocity is None else list(region.velocity),
-                "mean": region.mean,
-                "share": region.share,
-                "p": region.p,
-            }
-            for region in regions
-            if names[region.coordinate] == name
-        ]
-        for name in names
-        if any(names[region.coordinate] == name for region in regions)
-    }
+    """Regions by coordinate, in the order of ``names``, as plain values."""
+    by_name: dict[str, list] = {name: [] for name in names}
+    for region in regions:
+        values = {key: value for key, value in asdict(region).items() if key != "coordinate"}
+        bounds = {key: values[key] and list(values[key]) for key in ("position", "velocity")}
+        by_name[names[region.coordinate]].append(values | bounds)
+    return {name: described for name, described in by_name.items() if described}
+
+
+def _is_noise_of_speed(estimates: Sequence[LatentForceEstimate], period_s: float) -> bool:
+    """Whether measurement noise clearly grows with speed."""
+    noise = measure_speed_noise(estimates, period_s=period_s)
+    return noise.p < LOCALIZATION.max_speed_noise_p and noise.share > LOCALIZATION.min_speed_noise_share
 
 
 def _decide_level(
     mechanics: Mechanics,
     estimates: Sequence[LatentForceEstimate],
     features: ResidualFeatures,
-    share: np.ndarray,
-    components: ResidualComponents,
-    period_s: float,
-    perception_suspect: bool,
+    coordinate_share: np.ndarray,
+    shares: dict[str, float],
 ) -> str:
-    """Level of the gap: perception, chart, actuation or dynamics, in this order of precedence.
-
-    Args:
-        mechanics: the simulator's equations of motion.
-        estimates: smoothed motions with their residuals.
-        features: samples of the residual and what may explain it.
-        share: share of the residual in each coordinate (d,).
-        components: share of the residual by kind of term.
-        period_s: the natural period [s].
-        perception_suspect: whether the images themselves are known to be worse.
-    """
-    speed_noise = measure_speed_noise(estimates, period_s=period_s)
-    if perception_suspect or (
-        speed_noise.p < LOCALIZATION.max_speed_noise_p
-        and speed_noise.share > LOCALIZATION.min_speed_noise_share
-    ):
-        return "perception"
-    if share.max() > 0.0:
-        main = int(np.argmax(share))
-        distortion_share = compute_distortion_share(features, mechanics, estimates, main)
-        force_share = max(
-            compute_explained_share(features, main, features.groups[main][name]) for name in FEATURE_GROUPS
-        )
-        if (
-            distortion_share > LOCALIZATION.min_chart_share
-            and distortion_share > force_share + LOCALIZATION.min_chart_lead
-        ):
+    """Level of a gap that is not in the images: chart, actuation or dynamics, in this order of precedence."""
+    if coordinate_share.max() > 0.0:
+        main = int(np.argmax(coordinate_share))
+        distortions = compute_apparent_forces(mechanics, estimates, main)[features.picked]
+        distortion_share = compute_explained_share(features, main, distortions)
+        groups = (features.groups[main][name] for name in FEATURE_GROUPS)
+        force_share = max(compute_explained_share(features, main, columns) for columns in groups)
+        if distortion_share > max(LOCALIZATION.min_chart_share, force_share + LOCALIZATION.min_chart_lead):
             return "chart"
-    explained_share = 1.0 - components.shares["unexplained"]
-    if (
-        components.shares["actuation"]
-        > max(LOCALIZATION.min_actuation_share * explained_share, LOCALIZATION.min_actuation_residual_share)
-        and components.largest == "actuation"
-    ):
+    limit = LOCALIZATION.min_actuation_share * (1.0 - shares["unexplained"])
+    largest = max(FEATURE_GROUPS, key=lambda name: shares[name])
+    if largest == "actuation" and shares[largest] > max(limit, LOCALIZATION.min_actuation_residual_share):
         return "actuation"
     return "dynamics"

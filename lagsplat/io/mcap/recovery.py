@@ -2,38 +2,31 @@
 
 A log is cut short when its recorder is killed, and then has no index. So the index is never used: records
 are read from the start up to the first incomplete one; of a cut chunk, whatever can be decompressed is read.
-
-Source: MCAP format specification, https://mcap.dev/spec
 """
 
 import os
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from io import BufferedReader, BytesIO
+from io import BytesIO
 from pathlib import Path
+from typing import IO
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_HEAD = struct.Struct("<BQ")  # type, and number of bytes that follow
-CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
-PARSERS: dict[int, Callable[[ReadDataStream], Schema | Channel | Chunk]] = {
-    Opcode.SCHEMA: Schema.read,
-    Opcode.CHANNEL: Channel.read,
-    Opcode.CHUNK: Chunk.read,
-}
+HEAD_BYTES = 9  # of a record: its type, and the number of bytes that follow
 PARTS: dict[str, Callable[[bytes], bytes]] = {
     "": bytes,
     "lz4": lambda data: lz4.frame.LZ4FrameDecompressor().decompress(data),
     "zstd": lambda data: zstandard.ZstdDecompressor().decompressobj().decompress(data),
-}
-"""Decompressors by codec: return as much as a truncated stream gives."""
+}  # decompressors by codec: return as much as a truncated stream gives
 
 
 def read_whole_messages(
@@ -54,39 +47,40 @@ def read_whole_messages(
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError(f"{path}: it does not begin as an MCAP file does; check which file was given")
-        size = path.stat().st_size
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        # The summary repeats schemas and channels, so a topic survives the loss of their chunk.
-        for record in _walk(file, len(MAGIC), size, (Opcode.SCHEMA, Opcode.CHANNEL), []):
-            _learn(record, schemas, channels)
+        schemas, channels = _summary(file)
+        file.seek(len(MAGIC))
         orphans = 0
-        for record in _records(path, file, size, losses):
-            if not isinstance(record, Message):
-                _learn(record, schemas, channels)
-            elif record.channel_id in channels:
-                channel = channels[record.channel_id]
-                yield schemas.get(channel.schema_id), channel, record
-            else:
-                orphans += 1
+        for record in _records(path, file, losses):
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                if record.channel_id in channels:
+                    channel = channels[record.channel_id]
+                    yield schemas.get(channel.schema_id), channel, record
+                else:
+                    orphans += 1
         if orphans:
             losses.append(f"{orphans} messages belong to a channel that is lost")
 
 
-def _learn(record: object, schemas: dict[int, Schema], channels: dict[int, Channel]) -> None:
-    if isinstance(record, Schema):
-        schemas[record.id] = record
-    elif isinstance(record, Channel):
-        channels[record.id] = record
+def _summary(file: IO[bytes]) -> tuple[dict[int, Schema], dict[int, Channel]]:
+    """Schemas and channels of the summary at the end, so that a topic survives the loss of their chunk."""
+    try:
+        summary = make_reader(file).get_summary()
+    except (McapError, ValueError, OSError, struct.error):  # a file that is cut short has none
+        summary = None
+    return (summary.schemas, summary.channels) if summary else ({}, {})
 
 
-def _records(
-    path: Path, file: BufferedReader, size: int, losses: list[str]
-) -> Iterator[Schema | Channel | Message]:
-    for record in _walk(file, len(MAGIC), size, CONTENT, losses):
-        if isinstance(record, _Torn):
-            yield from _whole_part(record, losses)
-        elif not isinstance(record, Chunk):
+def _records(path: Path, file: IO[bytes], losses: list[str]) -> Iterator[McapRecord]:
+    size, end = path.stat().st_size, file.tell()
+    for record in _until_break(file, size):
+        end = file.tell()
+        if isinstance(record, Footer):
+            return
+        if not isinstance(record, Chunk):
             yield record
         elif record.compression not in PARTS:
             raise ValueError(
@@ -95,56 +89,36 @@ def _records(
             )
         else:
             try:
-                inner = breakup_chunk(record, validate_crc=True)
+                yield from breakup_chunk(record, validate_crc=True)
             except Exception as error:  # every codec raises its own errors
                 span_s = (record.message_end_time - record.message_start_time) / 1e9
                 losses.append(f"a chunk of {span_s:.3f} s is damaged ({error})")
-                continue
-            yield from (each for each in inner if isinstance(each, Schema | Channel | Message))
+    losses.append(f"the file ends without its footer, {size - end} bytes after its last whole record")
+    file.seek(end)
+    if file.read(HEAD_BYTES)[:1] == bytes([Opcode.CHUNK]):
+        yield from _whole_part(file.read(), losses)
 
 
-def _whole_part(chunk: "_Torn", losses: list[str]) -> Iterator[Schema | Channel | Message]:
+def _until_break(stream: IO[bytes], size: int) -> Iterator[McapRecord]:
+    """Records outside chunks, up to the footer or the first that is incomplete or damaged."""
+    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=size)
+    try:
+        yield from reader.records
+    except (McapError, struct.error, UnicodeDecodeError):
+        return
+
+
+def _whole_part(content: bytes, losses: list[str]) -> Iterator[McapRecord]:
     """Records of a chunk that is cut short, as far as its codec can decompress."""
     try:
         # A truncated stream gives short reads; the data end there.
-        start = Chunk.read(ReadDataStream(BytesIO(chunk.content)))
-        data = PARTS[start.compression](start.data)
+        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+        data = PARTS[chunk.compression](chunk.data)
     except Exception as error:  # cut within its head, or within the first block of its codec
         losses.append(f"nothing of the last chunk can be read ({type(error).__name__})")
         return
     count = 0
-    for record in _walk(BytesIO(data), 0, len(data), CONTENT, []):
-        if isinstance(record, Schema | Channel | Message):
-            count += isinstance(record, Message)
-            yield record
+    for record in _until_break(BytesIO(data), len(data)):
+        count += isinstance(record, Message)
+        yield record
     losses.append(f"{count} messages of the last chunk, which is cut short, are whole")
-
-
-@dataclass(frozen=True)
-class _Torn:
-    """The start of a chunk that the end of the file cuts short."""
-
-    content: bytes
-
-
-def _walk(
-    file: BufferedReader | BytesIO, position: int, size: int, wanted: tuple[Opcode, ...], losses: list[str]
-) -> Iterator[Schema | Channel | Message | Chunk | _Torn]:
-    """Records outside chunks, from ``position`` up to the footer or the first incomplete one."""
-    opcode = 0
-    while opcode != Opcode.FOOTER:
-        file.seek(position)
-        head = file.read(RECORD_HEAD.size)
-        opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
-        # Zero is no record type: it pads a preallocated file.
-        if opcode == 0 or position + RECORD_HEAD.size + length > size:
-            losses.append(
-                f"the file ends without its footer, {size - position} bytes after its last whole record"
-            )
-            if opcode == Opcode.CHUNK in wanted:
-                yield _Torn(file.read())
-            return
-        if opcode in wanted:
-            stream = ReadDataStream(BytesIO(file.read(length)))
-            yield Message.read(stream, length) if opcode == Opcode.MESSAGE else PARSERS[opcode](stream)
-        position += RECORD_HEAD.size + length

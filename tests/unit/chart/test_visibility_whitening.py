@@ -20,7 +20,8 @@ def test_training_latents_become_white_and_come_back() -> None:
 def test_largest_variance_comes_first_and_signs_are_fixed() -> None:
     z = latents()
     white = fit_whitening(z, eigenvalue_floor=1e-6)
-    assert (np.diff(white.variance) <= 0).all()
+    scales = np.linalg.norm(white.whiten, axis=0)  # one over the standard deviations
+    assert (np.diff(scales) >= 0).all()
     flipped = fit_whitening(z[::-1].copy(), eigenvalue_floor=1e-6)
     np.testing.assert_allclose(flipped.whiten, white.whiten, rtol=1e-8)
 

@@ -7,11 +7,15 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from lagsplat.config.compose import compose
+from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
 from lagsplat.diagnose.mechanics.basis import add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.mechanics.structure import flatten_coefficients
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 OMEGA, RATE, GAIN = 2.0 * np.pi, 0.3, 8.0
@@ -126,4 +130,16 @@ def coupled() -> MechanicalModel:
         drag=np.array([0.0, 0.05]),
         width=np.full(2, 0.05),
         rest=np.zeros(2),
+    )
+
+
+def bare(
+    model: MechanicalModel, region: OperatingRegion, *, step_s: float, dt_s: float
+) -> AugmentedSimulator:
+    """A model as an augmented simulator to which nothing is added yet."""
+    no_moves = np.zeros((0, flatten_coefficients(model).size))
+    nothing = NuisanceParameters(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, no_moves)
+    names = (tuple(f"{kind}{i}" for i in range(n)) for kind, n in (("q", model.d), ("u", model.n_u)))
+    return AugmentedSimulator(
+        model, nothing, (), np.zeros(nothing.size), False, step_s, dt_s, *names, region=region
     )

@@ -55,8 +55,8 @@ def test_views_come_back_as_they_were(tmp_path: Path, cover: bool) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"names": ("a",)}, "5 pictures an instant, but 5 cameras, 1 names"),
-        ({"images": np.zeros((3, 5, 7, 8, 3), np.uint8)}, "is of 6 x 8 pixels and its pictures of 7 x 8"),
+        ({"names": ("a",)}, "5 images an instant, but 5 cameras, 1 names"),
+        ({"images": np.zeros((3, 5, 7, 8, 3), np.uint8)}, "is of 6 x 8 pixels and its images of 7 x 8"),
         ({"cover": np.zeros((3, 5, 6, 7), np.uint8)}, r"cover of shape \(3, 5, 6, 7\)"),
         ({"held_out": np.ones(5, bool)}, "all 5 cameras are held out"),
     ],
@@ -70,7 +70,7 @@ def test_views_of_another_recording_are_refused() -> None:
     require_views(views(3), np.zeros((3, 6, 8, 3), np.uint8))
     with pytest.raises(ValueError, match="views of 3 instants for 4 frames"):
         require_views(views(3), np.zeros((4, 6, 8, 3), np.uint8))
-    with pytest.raises(ValueError, match="reference camera is of 6 x 8 pixels and the film of 12 x 16"):
+    with pytest.raises(ValueError, match="reference camera is of 6 x 8 pixels and the frames of 12 x 16"):
         require_views(views(3), np.zeros((3, 12, 16, 3), np.uint8))
 
 

@@ -11,7 +11,6 @@ from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import (
     Effect,
-    EffectDescription,
     ForceEffect,
     Grade,
     PlacedEffect,
@@ -43,12 +42,10 @@ def limit_period(effect: Effect, scales: Scales) -> Effect:
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a spectral line that no input explains, best at rest."""
-    return make_grade(
-        measures.rest_periods > 5 or measures.periods > 15,
-        measures.periods > 6,
-        f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}",
-        f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest",
-    )
+    reason = f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}"
+    yes = measures.rest_periods > 5 or measures.periods > 15
+    record = f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest"
+    return make_grade(yes, measures.periods > 6, reason, record)
 
 
 def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
@@ -81,7 +78,6 @@ EFFECT = ForceEffect(
         EffectParameter("sine", "acceleration", Normal(0.2)),
         EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
-    amplitudes=2,
     needs="a stretch at rest of ten cycles",
     place=place,
     law=force,
@@ -94,11 +90,9 @@ EFFECT = ForceEffect(
     flexible=True,
     recurrence=measure_recurrence,
     mujoco="a force that depends on time is applied in the control loop (qfrc_applied), not in the model.",
-    description=EffectDescription(
-        title="a vibration from outside",
-        kind="outside",
-        what="Something shakes the mechanism at a steady frequency, such as a motor or the floor.",
-        symptom="One frequency stands out that no input explains, even at rest.",
-        remedy="Find and stop its source, or add it to the simulation.",
-    ),
+    title="a vibration from outside",
+    kind="outside",
+    what="Something shakes the mechanism at a steady frequency, such as a motor or the floor.",
+    symptom="One frequency stands out that no input explains, even at rest.",
+    remedy="Find and stop its source, or add it to the simulation.",
 )

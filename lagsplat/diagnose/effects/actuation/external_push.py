@@ -12,7 +12,6 @@ from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import (
     DisturbanceHints,
-    EffectDescription,
     ForceEffect,
     Grade,
     PlacedEffect,
@@ -51,10 +50,11 @@ def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It is a single event, which shows wherever the rest of the motion is predicted well."""
-    reason = f"{measures.periods:.3g} periods of motion"
-    return make_grade(
-        measures.periods > 6, measures.periods > 3, reason, f"record {10 * measures.period_s:.3g} s or more"
+    reason, record = (
+        f"{measures.periods:.3g} periods of motion",
+        f"record {10 * measures.period_s:.3g} s or more",
     )
+    return make_grade(measures.periods > 6, measures.periods > 3, reason, record)
 
 
 def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
@@ -112,7 +112,6 @@ EFFECT = ForceEffect(
         *(EffectParameter(f"time {n}", "time", Normal(1000.0), (1.0,)) for n in range(N_PUSHES)),
         *(EffectParameter(f"duration {n}", "time", log_normal(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
     ),
-    amplitudes=N_PUSHES,
     needs="a stretch in which nothing else moves it",
     place=place,
     law=force,
@@ -124,11 +123,9 @@ EFFECT = ForceEffect(
     flexible=True,
     recurrence=measure_recurrence,
     mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model.",
-    description=EffectDescription(
-        title="a push that nobody logged",
-        kind="outside",
-        what="Something or somebody touched the mechanism for a moment.",
-        symptom="The forecast is right before and after, and wrong across one instant.",
-        remedy="Leave that stretch out, or give the push to the simulation as an input.",
-    ),
+    title="a push that nobody logged",
+    kind="outside",
+    what="Something or somebody touched the mechanism for a moment.",
+    symptom="The forecast is right before and after, and wrong across one instant.",
+    remedy="Leave that stretch out, or give the push to the simulation as an input.",
 )

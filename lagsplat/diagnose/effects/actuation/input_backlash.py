@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from numba import njit
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 
@@ -35,38 +35,29 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
     """It shows at every reversal of the input, and as a gap of one width at all sizes."""
     reason = f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)"
-    return make_grade(
-        channel.reversals >= 8 and channel.levels >= 2,
-        channel.reversals >= 4,
-        reason,
-        f"drive it by slow triangles of two sizes for {20 * measures.period_s:.3g} s",
-    )
+    record = f"drive it by slow triangles of two sizes for {20 * measures.period_s:.3g} s"
+    yes = channel.reversals >= 8 and channel.levels >= 2
+    return make_grade(yes, channel.reversals >= 4, reason, record)
 
 
 EFFECT = InputEffect(
     name="input_backlash",
     group="C",
     number=5,
-    component="actuation",
-    level="actuation",
     equation="u = play of u_logged with a gap of width",
     parameters=(
         EffectParameter("width", "input", log_normal(0.5, 1.0), (0.1, 0.3, 0.8, 1.6, 2.6)),
         EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
-    amplitudes=0,
     needs="slow reversals of the input at two amplitudes",
-    along="channels",
     change=change,
     report_parameters=lambda p, placed: {"width": p["width"]},
     excitation=grade_excitation,
     confusable_with=("input_dead_zone", "coulomb_friction"),
     mujoco="actuators have no play; it would need a body between motor and joint.",
-    description=EffectDescription(
-        title="play between actuator and mechanism",
-        kind="mechanism",
-        what="After each reversal of the command some travel is lost before anything moves.",
-        symptom="The response lags by the same amount of command in both directions.",
-        remedy="Put play before that input of the simulation, or take up the slack.",
-    ),
+    title="play between actuator and mechanism",
+    kind="mechanism",
+    what="After each reversal of the command some travel is lost before anything moves.",
+    symptom="The response lags by the same amount of command in both directions.",
+    remedy="Put play before that input of the simulation, or take up the slack.",
 )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
@@ -19,39 +19,28 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
     """It shows in small inputs, which get no response."""
-    reason = (
-        f"{channel.name} {'crosses zero' if channel.crosses_zero else 'stays on one side of zero'}, "
-        f"{100 * channel.small_share:.2g} % of it small"
-    )
-    return make_grade(
-        channel.crosses_zero and channel.small_share > 0.1,
-        channel.small_share > 0.03,
-        reason,
-        f"let it pass slowly through zero for {10 * measures.period_s:.3g} s",
-    )
+    where = "crosses zero" if channel.crosses_zero else "stays on one side of zero"
+    reason = f"{channel.name} {where}, {100 * channel.small_share:.2g} % of it small"
+    record = f"let it pass slowly through zero for {10 * measures.period_s:.3g} s"
+    yes = channel.crosses_zero and channel.small_share > 0.1
+    return make_grade(yes, channel.small_share > 0.03, reason, record)
 
 
 EFFECT = InputEffect(
     name="input_dead_zone",
     group="C",
     number=3,
-    component="actuation",
-    level="actuation",
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
     parameters=(EffectParameter("half_width", "input", log_normal(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
-    amplitudes=0,
     needs="slow, small inputs through zero",
-    along="channels",
     acts_everywhere=True,
     change=change,
     excitation=grade_excitation,
     confusable_with=("input_backlash", "coulomb_friction"),
     mujoco="actuators have no dead zone.",
-    description=EffectDescription(
-        title="a dead zone of an input",
-        kind="mechanism",
-        what="Commands below a threshold do nothing, as with a valve that opens late.",
-        symptom="Small commands move nothing, and each passage through zero brings a pause.",
-        remedy="Put a dead zone before that input, or compensate it in the controller.",
-    ),
+    title="a dead zone of an input",
+    kind="mechanism",
+    what="Commands below a threshold do nothing, as with a valve that opens late.",
+    symptom="Small commands move nothing, and each passage through zero brings a pause.",
+    remedy="Put a dead zone before that input, or compensate it in the controller.",
 )

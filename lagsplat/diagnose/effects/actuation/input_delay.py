@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
@@ -17,16 +16,9 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
 
 
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows where the input is fast: the response is late but complete."""
-    return grade_fast_input(channel, measures)
-
-
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Lengthen the delay of the actuator."""
     actuator = element.actuator
-    if actuator is None:
-        return ()
     delay = float(actuator.delay) + values["delay"]
     actuator.delay = delay
     actuator.nsample = int(np.ceil(delay / float(element.spec.option.timestep))) + 2
@@ -38,23 +30,17 @@ EFFECT = InputEffect(
     name="input_delay",
     group="C",
     number=2,
-    component="actuation",
-    level="actuation",
     equation="u(t) = u_logged(t - delay)",
     parameters=(EffectParameter("delay", "time", log_normal(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
-    amplitudes=0,
     needs="an input with steps, and an event that starts without it",
-    along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=grade_excitation,
+    excitation=grade_fast_input,
     confusable_with=("time_offset", "input_lag"),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="a delay of an input",
-        kind="mechanism",
-        what="The actuator follows its command, a fixed time later.",
-        symptom="Nothing happens for a moment after each step, then everything as predicted.",
-        remedy="Delay that input in the simulation, or find the wait in the communication.",
-    ),
+    title="a delay of an input",
+    kind="mechanism",
+    what="The actuator follows its command, a fixed time later.",
+    symptom="Nothing happens for a moment after each step, then everything as predicted.",
+    remedy="Delay that input in the simulation, or find the wait in the communication.",
 )

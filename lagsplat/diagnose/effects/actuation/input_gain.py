@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -26,8 +26,6 @@ def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Gr
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale the gain of the actuator."""
     actuator = element.actuator
-    if actuator is None:
-        return ()
     actuator.gainprm = values["ratio"] * np.asarray(actuator.gainprm, dtype=np.float64)
     return (f"actuator {actuator.name}: gainprm {element.format_row(actuator.gainprm[:3])}",)
 
@@ -36,12 +34,9 @@ EFFECT = InputEffect(
     name="input_gain",
     group="A",
     number=5,
-    component="actuation",
-    level="actuation",
     equation="u = ratio u_logged",
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="the input logged, with free motion beside it",
-    along="channels",
     acts_everywhere=True,
     change=change,
     excitation=grade_excitation,
@@ -55,11 +50,9 @@ EFFECT = InputEffect(
     ),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="another strength of an input",
-        kind="parameter",
-        what="The actuator pushes more or less for the same command than in the simulation, or not at all.",
-        symptom="Every response to that input is too large or too small by the same factor.",
-        remedy="Calibrate the actuator, or set its gain in the simulation anew.",
-    ),
+    title="another strength of an input",
+    kind="parameter",
+    what="The actuator pushes more or less for the same command than in the simulation, or not at all.",
+    symptom="Every response to that input is too large or too small by the same factor.",
+    remedy="Calibrate the actuator, or set its gain in the simulation anew.",
 )

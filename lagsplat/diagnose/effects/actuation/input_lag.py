@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
@@ -39,15 +38,10 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
     return out
 
 
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows where the input is fast: the response becomes weaker and later."""
-    return grade_fast_input(channel, measures)
-
-
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Give the actuator first-order dynamics, if it has none."""
     actuator, kinds = element.actuator, element.mujoco.mjtDyn
-    if actuator is None or actuator.dyntype != kinds.mjDYN_NONE:
+    if actuator.dyntype != kinds.mjDYN_NONE:
         return ()
     actuator.dyntype = kinds.mjDYN_FILTEREXACT
     row = np.asarray(actuator.dynprm, dtype=np.float64).copy()
@@ -60,23 +54,17 @@ EFFECT = InputEffect(
     name="input_lag",
     group="C",
     number=1,
-    component="actuation",
-    level="actuation",
     equation="time_constant du/dt = u_logged - u",
     parameters=(EffectParameter("time_constant", "time", log_normal(0.3, 1.0), (0.03, 0.1, 0.3, 1.0)),),
-    amplitudes=0,
     needs="an input with steps or with frequencies above the lag's",
-    along="channels",
     acts_everywhere=True,
     change=change,
-    excitation=grade_excitation,
+    excitation=grade_fast_input,
     confusable_with=("input_delay", "time_offset"),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="an actuator that follows its command slowly",
-        kind="mechanism",
-        what="The actuator approaches its command gradually, as a filling chamber does.",
-        symptom="Steps are answered gently, and fast commands are answered weakly and late.",
-        remedy="Put a first-order filter before that input of the simulation.",
-    ),
+    title="an actuator that follows its command slowly",
+    kind="mechanism",
+    what="The actuator approaches its command gradually, as a filling chamber does.",
+    symptom="Steps are answered gently, and fast commands are answered weakly and late.",
+    remedy="Put a first-order filter before that input of the simulation.",
 )

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
@@ -19,20 +19,15 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
     """It shows in inputs of several sizes, of which the large ones get too weak a response."""
-    reason = f"{channel.name} peaks at {channel.levels} size(s)"
+    record = f"drive it at three sizes up to its limit, {5 * measures.period_s:.3g} s each"
     return make_grade(
-        channel.levels >= 3,
-        channel.levels >= 2,
-        reason,
-        f"drive it at three sizes up to its limit, {5 * measures.period_s:.3g} s each",
+        channel.levels >= 3, channel.levels >= 2, f"{channel.name} peaks at {channel.levels} size(s)", record
     )
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Narrow the control range of the actuator."""
     actuator, selection = element.actuator, element.selection
-    if actuator is None:
-        return ()
     limit = float(values["limit"])
     i = selection.at_u[selection.actuators.index(actuator.name)]
     low, high = -np.inf, np.inf
@@ -47,23 +42,17 @@ EFFECT = InputEffect(
     name="input_saturation",
     group="C",
     number=4,
-    component="actuation",
-    level="actuation",
     equation="u = clip(u_logged, -limit, limit)",
     parameters=(EffectParameter("limit", "input", log_normal(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
-    amplitudes=0,
     needs="inputs on both sides of the limit",
-    along="channels",
     acts_everywhere=True,
     change=change,
     excitation=grade_excitation,
     confusable_with=("input_gain",),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="an actuator at its limit",
-        kind="mechanism",
-        what="Above some command the actuator gives no more.",
-        symptom="Weak commands are answered as predicted, strong ones too weakly.",
-        remedy="Limit that input of the simulation, or command less.",
-    ),
+    title="an actuator at its limit",
+    kind="mechanism",
+    what="Above some command the actuator gives no more.",
+    symptom="Weak commands are answered as predicted, strong ones too weakly.",
+    remedy="Limit that input of the simulation, or command less.",
 )

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any, no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -20,16 +20,13 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a step of force at every reversal, best in small swings."""
-    reason = f"{measures.reversals} reversals, {describe_swings(measures)}"
     yes = measures.reversals >= 6 and (measures.amplitude_ratio > 2.0 or measures.rest_periods > 0.5)
-    return make_grade(yes, measures.reversals >= 4, reason, ask_for_decay(measures))
+    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the friction loss of the joint."""
     joint = element.joint
-    if joint is None:
-        return ()
     joint.frictionloss = float(joint.frictionloss) + values["acceleration"] * element.inertia
     return (f"joint {joint.name}: frictionloss {joint.frictionloss:.6g}",)
 
@@ -56,12 +53,10 @@ EFFECT = ForceEffect(
         "input_backlash",
     ),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="dry friction",
-        kind="mechanism",
-        what="A rubbing contact resists with the same force at every speed, however slow.",
-        symptom="Swings shrink by the same amount each time, and it stops short of its rest position.",
-        remedy="Add dry friction to the simulation, or look after the bearings and seals.",
-        short_title="Coulomb friction",
-    ),
+    title="dry friction",
+    kind="mechanism",
+    what="A rubbing contact resists with the same force at every speed, however slow.",
+    symptom="Swings shrink by the same amount each time, and it stops short of its rest position.",
+    remedy="Add dry friction to the simulation, or look after the bearings and seals.",
+    short_title="Coulomb friction",
 )

@@ -5,7 +5,7 @@ from typing import no_type_check
 
 from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -22,17 +22,12 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a slow response to a step, and as a stiffness that grows with speed."""
-    wide = (
-        measures.speed_ratio > 2.0
-        or any(c.moves and c.steps and c.low < 0.3 for c in measures.inputs)
-        or measures.holds >= 2
-    )
-    return make_grade(
-        wide and measures.periods > 5,
-        measures.periods > 8,
-        f"slow half-swings last {measures.speed_ratio:.2g} times the fast ones, {measures.holds} hold(s)",
-        f"hold a step for {5 * measures.period_s:.3g} s or more, release it, and swing for as long",
-    )
+    stepped = any(c.moves and c.steps and c.low < 0.3 for c in measures.inputs)
+    wide = measures.speed_ratio > 2.0 or stepped or measures.holds >= 2
+    ratio = f"{measures.speed_ratio:.2g} times the fast ones, {measures.holds} hold(s)"
+    record = f"hold a step for {5 * measures.period_s:.3g} s or more, release it, and swing for as long"
+    few, many = measures.periods > 5, measures.periods > 8
+    return make_grade(wide and few, many, f"slow half-swings last {ratio}", record)
 
 
 def penalize_unsettled(parameters: Mapping[str, float], placed: PlacedEffect) -> float:
@@ -64,11 +59,9 @@ EFFECT = ForceEffect(
     fitted_penalty=penalize_unsettled,
     flexible=True,
     mujoco="springs of joints have no internal state; it would need a massless body in series.",
-    description=EffectDescription(
-        title="creep of a soft material",
-        kind="mechanism",
-        what="The material yields slowly under load and recovers slowly afterwards.",
-        symptom="After a step it keeps moving for long, and losses peak at one rate of motion.",
-        remedy="Add a spring in series with a dashpot to the simulation.",
-    ),
+    title="creep of a soft material",
+    kind="mechanism",
+    what="The material yields slowly under load and recovers slowly afterwards.",
+    symptom="After a step it keeps moving for long, and losses peak at one rate of motion.",
+    remedy="Add a spring in series with a dashpot to the simulation.",
 )

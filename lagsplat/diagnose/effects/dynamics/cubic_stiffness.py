@@ -6,7 +6,7 @@ from typing import Any, no_type_check
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -21,22 +21,16 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a frequency that depends on amplitude."""
-    wide = measures.amplitude_ratio > 2.0
-    return make_grade(
-        wide and measures.periods > 5,
-        measures.amplitude_ratio > 1.3 or measures.driven,
-        describe_swings(measures),
-        f"record swings at two amplitudes, one twice the other, {8 * measures.period_s:.3g} s each",
-    )
+    yes = measures.amplitude_ratio > 2.0 and measures.periods > 5
+    weak = measures.amplitude_ratio > 1.3 or measures.driven
+    record = f"record swings at two amplitudes, one twice the other, {8 * measures.period_s:.3g} s each"
+    return make_grade(yes, weak, describe_swings(measures), record)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Add a cubic term to the spring of the joint."""
-    if element.joint is None:
-        return ()
     stretch = Polynomial([-element.rest, 1.0])
-    changed: tuple[str, ...] = element.add_spring(values["coefficient"] * element.inertia * stretch**3)
-    return changed
+    return tuple(element.add_spring(values["coefficient"] * element.inertia * stretch**3))
 
 
 EFFECT = ForceEffect(
@@ -53,11 +47,9 @@ EFFECT = ForceEffect(
     confusable_with=("end_stop",),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="a spring that hardens or softens",
-        kind="parameter",
-        what="The pull back to rest grows faster, or slower, than the deflection.",
-        symptom="The frequency depends on how far it swings, while small swings are predicted well.",
-        remedy="Give the simulation's potential a term of fourth order.",
-    ),
+    title="a spring that hardens or softens",
+    kind="parameter",
+    what="The pull back to rest grows faster, or slower, than the deflection.",
+    symptom="The frequency depends on how far it swings, while small swings are predicted well.",
+    remedy="Give the simulation's potential a term of fourth order.",
 )

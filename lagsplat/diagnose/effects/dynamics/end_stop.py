@@ -10,8 +10,8 @@ from typing import Any, no_type_check
 import numpy as np
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade, PlacedEffect
-from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -45,18 +45,15 @@ def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) ->
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows where the motion turns on one side, at several speeds."""
-    return make_grade(
-        measures.reversals >= 6 and measures.amplitude_ratio > 1.5,
-        measures.reversals >= 4,
-        f"{measures.reversals} reversals, {describe_swings(measures)}",
-        f"reach the suspected stop at three speeds within {10 * measures.period_s:.3g} s",
-    )
+    yes = measures.reversals >= 6 and measures.amplitude_ratio > 1.5
+    record = f"reach the suspected stop at three speeds within {10 * measures.period_s:.3g} s"
+    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), record)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Limit the range of the joint on one side, if it has no limit yet."""
     joint, push = element.joint, float(values["stiffness_ratio"]) * element.stiffness
-    if joint is None or element.variant not in ("upper", "lower") or push <= 0.0:
+    if element.variant not in ("upper", "lower") or push <= 0.0:
         return ()
     if element.selection.model.joint(joint.name).limited[0]:
         return ()
@@ -84,7 +81,6 @@ EFFECT = ForceEffect(
         EffectParameter("position", "reach", log_normal(0.8, 0.25), (0.3, 0.5, 0.65, 0.8, 0.9)),
         EffectParameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
-    amplitudes=0,
     needs="motion past the stop at three speeds",
     variants=("upper", "lower"),
     law=force,
@@ -94,11 +90,9 @@ EFFECT = ForceEffect(
     excitation=grade_excitation,
     confusable_with=("cubic_stiffness",),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="a stop or a contact on one side",
-        kind="mechanism",
-        what="Beyond some position the mechanism runs into something stiff.",
-        symptom="Motion is cut off on one side only, with a sudden turn.",
-        remedy="Add the stop to the simulation, or clear what is in the way.",
-    ),
+    title="a stop or a contact on one side",
+    kind="mechanism",
+    what="Beyond some position the mechanism runs into something stiff.",
+    symptom="Motion is cut off on one side only, with a sudden turn.",
+    remedy="Add the stop to the simulation, or clear what is in the way.",
 )

@@ -3,7 +3,7 @@
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -24,12 +24,10 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a second resonance, and as energy that comes back."""
     broad = any(channel.high > 1.5 for channel in measures.inputs)
     sharp = measures.samples_per_period > 25 and measures.swing_over_noise > 30
-    return make_grade(
-        (broad or sharp) and measures.periods > 6,
-        measures.periods > 4,
-        "inputs reach above the natural frequency" if broad else describe_swings(measures),
-        f"drive it up to twice the natural frequency, then let it ring for {10 * measures.period_s:.3g} s",
-    )
+    reason = "inputs reach above the natural frequency" if broad else describe_swings(measures)
+    ring_s = 10 * measures.period_s
+    record = f"drive it up to twice the natural frequency, then let it ring for {ring_s:.3g} s"
+    return make_grade((broad or sharp) and measures.periods > 6, measures.periods > 4, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -60,11 +58,9 @@ EFFECT = ForceEffect(
     log_prior_penalty=3.0,
     flexible=True,
     mujoco="it would need another body, whose place and axis a generalised coordinate does not tell.",
-    description=EffectDescription(
-        title="a part that swings along and that the simulation does not have",
-        kind="mechanism",
-        what="A loose or flexible part moves on its own and pulls on the rest.",
-        symptom="A second frequency appears, and energy leaves and comes back.",
-        remedy="Give the simulation one more coordinate, or fasten the part.",
-    ),
+    title="a part that swings along and that the simulation does not have",
+    kind="mechanism",
+    what="A loose or flexible part moves on its own and pulls on the rest.",
+    symptom="A second frequency appears, and energy leaves and comes back.",
+    remedy="Give the simulation one more coordinate, or fasten the part.",
 )

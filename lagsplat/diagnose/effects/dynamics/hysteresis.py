@@ -6,8 +6,8 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
-from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -24,14 +24,10 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a loop of force over position that does not depend on speed."""
     slow = measures.driven and any(channel.low < 0.4 for channel in measures.inputs)
-    slowly = ", slow inputs among them" if slow else ""
-    reason = f"{measures.reversals} reversals, {describe_swings(measures)}{slowly}"
-    return make_grade(
-        measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
-        measures.reversals >= 6,
-        reason,
-        f"record slow cycles at three amplitudes and two speeds, {20 * measures.period_s:.3g} s",
-    )
+    reason = describe_reversals(measures) + (", slow inputs among them" if slow else "")
+    yes = measures.reversals >= 8 and measures.amplitude_ratio > 2.0
+    record = f"record slow cycles at three amplitudes and two speeds, {20 * measures.period_s:.3g} s"
+    return make_grade(yes, measures.reversals >= 6, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -51,11 +47,9 @@ EFFECT = ForceEffect(
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
     mujoco="springs of joints have no internal state.",
-    description=EffectDescription(
-        title="hysteresis",
-        kind="mechanism",
-        what="The force depends on the way by which a position was reached, not on speed.",
-        symptom="Loading and unloading follow two curves, however slowly it is done.",
-        remedy="Add an internal state of Bouc-Wen type to the simulation.",
-    ),
+    title="hysteresis",
+    kind="mechanism",
+    what="The force depends on the way by which a position was reached, not on speed.",
+    symptom="Loading and unloading follow two curves, however slowly it is done.",
+    remedy="Add an internal state of Bouc-Wen type to the simulation.",
 )

@@ -3,7 +3,7 @@
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -18,12 +18,9 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows in the smallest swings."""
-    return make_grade(
-        measures.amplitude_ratio > 3.0 and measures.reversals >= 8,
-        measures.amplitude_ratio > 1.8 or measures.slow_share > 0.1,
-        describe_swings(measures),
-        ask_for_decay(measures, 15.0),
-    )
+    yes = measures.amplitude_ratio > 3.0 and measures.reversals >= 8
+    weak = measures.amplitude_ratio > 1.8 or measures.slow_share > 0.1
+    return make_grade(yes, weak, describe_swings(measures), ask_for_decay(measures, 15.0))
 
 
 EFFECT = ForceEffect(
@@ -33,17 +30,14 @@ EFFECT = ForceEffect(
     component="conservative",
     equation="a = omega^2 clip(s, -gap, gap)",
     parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
-    amplitudes=0,
     needs="a decay through small amplitudes",
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
     excitation=grade_excitation,
     mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest.",
-    description=EffectDescription(
-        title="free play in a joint",
-        kind="mechanism",
-        what="Around its rest position the joint is loose and nothing pulls it back.",
-        symptom="Small swings are slower than large ones, down to no pull at all.",
-        remedy="Add the gap to the simulation's potential, or tighten the joint.",
-    ),
+    title="free play in a joint",
+    kind="mechanism",
+    what="Around its rest position the joint is loose and nothing pulls it back.",
+    symptom="Small swings are slower than large ones, down to no pull at all.",
+    remedy="Add the gap to the simulation's potential, or tighten the joint.",
 )

@@ -15,14 +15,9 @@ from numpy.polynomial import Polynomial
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import (
     CoefficientBatch,
-    EffectDescription,
     ForceEffect,
     Grade,
     PlacedEffect,
-    PlacementProblem,
-    place_along_coordinates,
-    place_between_coordinates,
-    place_on_whole,
 )
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
@@ -78,8 +73,7 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale gravity, springs and what servos hold with; or add a spring."""
     if element.variant == SPRING:
         added = (values["ratio"] - 1.0) * element.stiffness * element.inertia
-        changed: tuple[str, ...] = element.add_spring(added * Polynomial([-element.rest, 1.0]))
-        return changed
+        return tuple(element.add_spring(added * Polynomial([-element.rest, 1.0])))
     ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
     if element.joint is not None and len(element.selection.joints) > 1:
         return () if gravity.any() else element.scale_springs([element.joint], ratio)
@@ -93,15 +87,6 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     return (*springs, f"gravity {element.format_row(element.spec.option.gravity)}")
 
 
-def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
-    """The scaled potential along each coordinate and on the whole; a spring along or between coordinates."""
-    placed = place_along_coordinates(effect, "", problem)
-    if len(problem.coordinates) > 1:  # else the whole is the coordinate
-        placed.append(place_on_whole(effect, "", problem))
-    placed += place_along_coordinates(effect, SPRING, problem)
-    return placed + place_between_coordinates(effect, SPRING, problem)
-
-
 EFFECT = ForceEffect(
     name="linear_stiffness",
     group="A",
@@ -111,7 +96,8 @@ EFFECT = ForceEffect(
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="free motion, or a static hold under a known input",
     variants=("", SPRING),
-    place=place,
+    along="both",
+    between_variants=(SPRING,),
     law=force,
     constants=_shares,
     whole=scale_potential,
@@ -124,11 +110,9 @@ EFFECT = ForceEffect(
     confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="another stiffness than the simulation's",
-        kind="parameter",
-        what="What pulls the mechanism back to rest is stronger or weaker than in the simulation.",
-        symptom="It swings at another frequency, and a steady load deflects it by another amount.",
-        remedy="Set the simulation's stiffness anew.",
-    ),
+    title="another stiffness than the simulation's",
+    kind="parameter",
+    what="What pulls the mechanism back to rest is stronger or weaker than in the simulation.",
+    symptom="It swings at another frequency, and a steady load deflects it by another amount.",
+    remedy="Set the simulation's stiffness anew.",
 )

@@ -7,7 +7,7 @@ import math
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -23,12 +23,10 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows at two loads or more."""
     loads = measures.holds >= 2 or any(channel.levels >= 3 for channel in measures.inputs)
-    return make_grade(
-        loads and measures.reversals >= 8 and measures.amplitude_ratio > 2.0,
-        measures.amplitude_ratio > 2.0 and measures.reversals >= 6,
-        f"{measures.reversals} reversals, {'several' if loads else 'one'} static load(s)",
-        f"record {10 * measures.period_s:.3g} s of small swings about each of two loaded poses",
-    )
+    weak = measures.amplitude_ratio > 2.0 and measures.reversals >= 6
+    reason = f"{measures.reversals} reversals, {'several' if loads else 'one'} static load(s)"
+    record = f"record {10 * measures.period_s:.3g} s of small swings about each of two loaded poses"
+    return make_grade(loads and weak and measures.reversals >= 8, weak, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -41,7 +39,6 @@ EFFECT = ForceEffect(
         EffectParameter("load_factor", "ratio", HalfNormal(0.2)),
         EffectParameter("acceleration", "acceleration", HalfNormal(0.1)),
     ),
-    amplitudes=2,
     needs="two static loads or poses",
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
@@ -52,11 +49,9 @@ EFFECT = ForceEffect(
     # has Coulomb friction as a special case
     log_prior_penalty=2.0,
     mujoco="the friction loss of a joint does not depend on the load that it carries.",
-    description=EffectDescription(
-        title="friction that grows with load",
-        kind="mechanism",
-        what="A bearing or gear rubs more the harder it is pressed.",
-        symptom="Losses differ between poses, or between weak and strong inputs, at equal speed.",
-        remedy="Let the simulation's friction depend on the load that the joint carries.",
-    ),
+    title="friction that grows with load",
+    kind="mechanism",
+    what="A bearing or gear rubs more the harder it is pressed.",
+    symptom="Losses differ between poses, or between weak and strong inputs, at equal speed.",
+    remedy="Let the simulation's friction depend on the load that the joint carries.",
 )

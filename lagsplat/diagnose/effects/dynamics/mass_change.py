@@ -10,13 +10,11 @@ from jaxtyping import Float64
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import (
     CoefficientBatch,
-    EffectDescription,
     Grade,
     ModelEffect,
     PlacedEffect,
     PlacementProblem,
     place_along_coordinates,
-    place_on_whole,
 )
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
@@ -72,7 +70,7 @@ def place(effect: ModelEffect, problem: PlacementProblem) -> list[PlacedEffect]:
     """Along each coordinate and on the whole; weight acts on the whole alone."""
     single = problem.constant_inertia and len(problem.coordinates) == 1  # then both are the same
     along = [] if single else place_along_coordinates(effect, "", problem)
-    return [*along, place_on_whole(effect, "", problem), place_on_whole(effect, WEIGHT, problem)]
+    return [*along, *(PlacedEffect(effect, problem.whole, variant) for variant in effect.variants)]
 
 
 EFFECT = ModelEffect(
@@ -84,7 +82,6 @@ EFFECT = ModelEffect(
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="a static hold and a motion, both under known inputs",
     variants=("", WEIGHT),
-    along="both",
     place=place,
     change=change,
     energy_bounded=lambda p, placed: True,
@@ -92,11 +89,9 @@ EFFECT = ModelEffect(
     confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="another mass than the simulation's",
-        kind="parameter",
-        what="The mechanism is heavier or lighter than in the simulation, by a payload for instance.",
-        symptom="It swings at another frequency and fades at another rate, yet rests where it should.",
-        remedy="Weigh the payload, or set the simulation's inertia anew.",
-    ),
+    title="another mass than the simulation's",
+    kind="parameter",
+    what="The mechanism is heavier or lighter than in the simulation, by a payload for instance.",
+    symptom="It swings at another frequency and fades at another rate, yet rests where it should.",
+    remedy="Weigh the payload, or set the simulation's inertia anew.",
 )

@@ -3,7 +3,7 @@
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -22,12 +22,9 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a slow change over the whole recording."""
-    return make_grade(
-        measures.periods > 25,
-        measures.periods > 8,
-        f"{measures.periods:.3g} periods in {measures.clips} clip(s)",
-        f"repeat the same motion early and late within {40 * measures.period_s:.3g} s",
-    )
+    reason = f"{measures.periods:.3g} periods in {measures.clips} clip(s)"
+    record = f"repeat the same motion early and late within {40 * measures.period_s:.3g} s"
+    return make_grade(measures.periods > 25, measures.periods > 8, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -40,7 +37,6 @@ EFFECT = ForceEffect(
         EffectParameter("rate", "per_duration", Normal(0.15)),
         EffectParameter("bend", "per_duration", Normal(0.05)),
     ),
-    amplitudes=2,
     needs="the same motion early and late",
     variants=("", "load"),
     variant_units={"load": "{q}/s^3"},
@@ -52,11 +48,9 @@ EFFECT = ForceEffect(
     excitation=grade_excitation,
     confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
     mujoco="parameters of a model do not depend on time.",
-    description=EffectDescription(
-        title="a property that changes slowly",
-        kind="outside",
-        what="Something warms up, wears or leaks while the recording lasts.",
-        symptom="The simulation fits early and fails late, for the same motion.",
-        remedy="Record after warming up, or let that parameter depend on time.",
-    ),
+    title="a property that changes slowly",
+    kind="outside",
+    what="Something warms up, wears or leaks while the recording lasts.",
+    symptom="The simulation fits early and fails late, for the same motion.",
+    remedy="Record after warming up, or let that parameter depend on time.",
 )

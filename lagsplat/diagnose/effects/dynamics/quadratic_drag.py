@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -19,19 +19,13 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a decay that is faster at large swings."""
-    reason = describe_swings(measures)
-    return make_grade(
-        measures.amplitude_ratio > 3.0 and measures.periods > 4,
-        measures.amplitude_ratio > 1.8,
-        reason,
-        ask_for_decay(measures),
-    )
+    yes = measures.amplitude_ratio > 3.0 and measures.periods > 4
+    return make_grade(yes, measures.amplitude_ratio > 1.8, describe_swings(measures), ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the damping of the joint that grows with the square of the speed."""
-    changed: tuple[str, ...] = element.raise_damping(1, values["coefficient"])
-    return changed
+    return tuple(element.raise_damping(1, values["coefficient"]))
 
 
 EFFECT = ForceEffect(
@@ -48,11 +42,9 @@ EFFECT = ForceEffect(
     excitation=grade_excitation,
     confusable_with=("viscous_damping",),
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="drag of air or water",
-        kind="mechanism",
-        what="A resistance that grows with the square of speed.",
-        symptom="Large swings die away quickly, small ones hardly at all.",
-        remedy="Add a quadratic drag to the simulation.",
-    ),
+    title="drag of air or water",
+    kind="mechanism",
+    what="A resistance that grows with the square of speed.",
+    symptom="Large swings die away quickly, small ones hardly at all.",
+    remedy="Add a quadratic drag to the simulation.",
 )

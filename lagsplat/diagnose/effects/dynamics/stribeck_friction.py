@@ -7,7 +7,7 @@ import math
 from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -24,12 +24,10 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows where sliding begins: friction falls there."""
     reason = f"{100 * measures.slow_share:.2g} % of the samples creep, {measures.reversals} reversals"
-    return make_grade(
-        measures.slow_share > 0.1 and measures.reversals >= 6,
-        measures.slow_share > 0.05 and measures.reversals >= 4,
-        reason,
-        f"record slow reversals for {20 * measures.period_s:.3g} s, a tenth of the time nearly at rest",
-    )
+    yes = measures.slow_share > 0.1 and measures.reversals >= 6
+    weak = measures.slow_share > 0.05 and measures.reversals >= 4
+    record = f"record slow reversals for {20 * measures.period_s:.3g} s, a tenth of the time nearly at rest"
+    return make_grade(yes, weak, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -58,12 +56,10 @@ EFFECT = ForceEffect(
     # has Coulomb friction as a special case
     log_prior_penalty=2.0,
     mujoco="the friction loss of a joint does not depend on its speed.",
-    description=EffectDescription(
-        title="dry friction that sticks",
-        kind="mechanism",
-        what="A rubbing contact holds harder at rest than it resists while sliding.",
-        symptom="Slow motion goes in jerks: it sticks, breaks loose and slips.",
-        remedy="Add friction that falls with speed to the simulation, or lubricate.",
-        short_title="Stribeck friction",
-    ),
+    title="dry friction that sticks",
+    kind="mechanism",
+    what="A rubbing contact holds harder at rest than it resists while sliding.",
+    symptom="Slow motion goes in jerks: it sticks, breaks loose and slips.",
+    remedy="Add friction that falls with speed to the simulation, or lubricate.",
+    short_title="Stribeck friction",
 )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -32,18 +32,13 @@ def add_damping(
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It shows as a decay that is the same at every amplitude."""
-    return make_grade(
-        measures.amplitude_ratio > 1.8 and measures.periods > 4,
-        measures.periods > 3,
-        describe_swings(measures),
-        ask_for_decay(measures),
-    )
+    yes = measures.amplitude_ratio > 1.8 and measures.periods > 4
+    return make_grade(yes, measures.periods > 3, describe_swings(measures), ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the linear damping of the joint."""
-    changed: tuple[str, ...] = element.raise_damping(0, values["rate"])
-    return changed
+    return tuple(element.raise_damping(0, values["rate"]))
 
 
 EFFECT = ForceEffect(
@@ -71,11 +66,9 @@ EFFECT = ForceEffect(
     ),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
-    description=EffectDescription(
-        title="another viscous damping than the simulation's",
-        kind="parameter",
-        what="A resistance in proportion to speed is stronger or weaker than in the simulation.",
-        symptom="Swings die away faster or slower than predicted, by the same share at every size.",
-        remedy="Set the simulation's damping anew.",
-    ),
+    title="another viscous damping than the simulation's",
+    kind="parameter",
+    what="A resistance in proportion to speed is stronger or weaker than in the simulation.",
+    symptom="Swings die away faster or slower than predicted, by the same share at every size.",
+    remedy="Set the simulation's damping anew.",
 )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -23,26 +23,19 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: P
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """Trajectories alone hardly show it: only a nonlinear law tells a scale."""
-    nonlinear = measures.amplitude_ratio > 2.0
-    return make_grade(
-        False,
-        measures.periods > 3 and (nonlinear or measures.driven),
-        "without pictures only the curvature of the law tells a scale",
-        "film a static background too, and give the video",
-    )
+    weak = measures.periods > 3 and (measures.amplitude_ratio > 2.0 or measures.driven)
+    reason = "without pictures only the curvature of the law tells a scale"
+    return make_grade(False, weak, reason, "film a static background too, and give the video")
 
 
 EFFECT = ObservationEffect(
     name="camera_change",
-    group="G",
     number=4,
-    level="chart",
     equation="y = q + zoom (q - rest) + shift",
     parameters=(
         EffectParameter("zoom", "ratio", Normal(0.1)),
         EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
-    amplitudes=2,
     needs="a background that stands still",
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
@@ -51,12 +44,9 @@ EFFECT = ObservationEffect(
     # zoom and shift imitate a gain, a stiffness or a tilt
     log_prior_penalty=4.0,
     camera="moved between recordings",
-    mujoco="it concerns the camera of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="a camera that was moved or zoomed",
-        kind="observation",
-        what="The camera has another pose or zoom than in the video that the simulation was learnt from.",
-        symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
-        remedy="Put the camera back or calibrate it; leave the simulation alone.",
-    ),
+    title="a camera that was moved or zoomed",
+    kind="observation",
+    what="The camera has another pose or zoom than in the video that the simulation was learnt from.",
+    symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
+    remedy="Put the camera back or calibrate it; leave the simulation alone.",
 )

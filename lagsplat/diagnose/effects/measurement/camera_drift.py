@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -27,9 +27,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 EFFECT = ObservationEffect(
     name="camera_drift",
-    group="G",
     number=5,
-    level="chart",
     equation="y = q + rate t",
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a background that stands still, or the same motion early and late",
@@ -37,12 +35,9 @@ EFFECT = ObservationEffect(
     excitation=grade_excitation,
     confusable_with=("parameter_drift",),
     camera="moves while recording",
-    mujoco="it concerns the camera of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="a camera that moves slowly",
-        kind="observation",
-        what="The camera sinks or turns while the recording lasts.",
-        symptom="The rest position wanders, and the background with it.",
-        remedy="Fix the camera or stabilise the video; leave the simulation alone.",
-    ),
+    title="a camera that moves slowly",
+    kind="observation",
+    what="The camera sinks or turns while the recording lasts.",
+    symptom="The rest position wanders, and the background with it.",
+    remedy="Fix the camera or stabilise the video; leave the simulation alone.",
 )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -38,9 +38,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 EFFECT = ObservationEffect(
     name="exposure_blur",
-    group="G",
     number=6,
-    level="chart",
     equation="y = mean of q over the exposure",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
     needs="motion within one exposure, seen in the images",
@@ -48,12 +46,9 @@ EFFECT = ObservationEffect(
     observe=observe,
     excitation=grade_excitation,
     camera="shutter",
-    mujoco="it concerns the camera of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="a long exposure",
-        kind="observation",
-        what="Each frame is a mean over the time the shutter is open.",
-        symptom="Fast turns look smaller than they are.",
-        remedy="Shorten the exposure; leave the simulation alone.",
-    ),
+    title="a long exposure",
+    kind="observation",
+    what="Each frame is a mean over the time the shutter is open.",
+    symptom="Fast turns look smaller than they are.",
+    remedy="Shorten the exposure; leave the simulation alone.",
 )

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, SampleEffect
+from lagsplat.diagnose.effects.base import Grade, SampleEffect
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -45,22 +45,17 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 EFFECT = SampleEffect(
     name="frame_drops",
-    group="G",
     number=3,
-    level="perception",
     equation="y_k = q(t_{k-1}) for some frames k",
     parameters=(EffectParameter("count", "ratio", HalfNormal(100.0)),),
     needs="motion that is fast against the noise",
-    along="whole",
     explain=explain,
     repeats=True,
     excitation=grade_excitation,
     mujoco="it concerns the frames of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="lost or repeated frames",
-        kind="observation",
-        what="Some frames are missing or shown twice, and the clock does not say so.",
-        symptom="The motion halts or leaps for single frames.",
-        remedy="Record again without losses, or cut there; leave the simulation alone.",
-    ),
+    title="lost or repeated frames",
+    kind="observation",
+    what="Some frames are missing or shown twice, and the clock does not say so.",
+    symptom="The motion halts or leaps for single frames.",
+    remedy="Record again without losses, or cut there; leave the simulation alone.",
 )

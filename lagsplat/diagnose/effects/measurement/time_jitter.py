@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, SampleEffect
+from lagsplat.diagnose.effects.base import Grade, SampleEffect
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -54,21 +54,16 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 EFFECT = SampleEffect(
     name="time_jitter",
-    group="G",
     number=2,
-    level="perception",
     equation="y = q(t + e), e of standard deviation std",
     parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
-    along="whole",
     explain=explain,
     excitation=grade_excitation,
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="time stamps that scatter",
-        kind="observation",
-        what="Frames are stamped a little early or late at random.",
-        symptom="Errors are large where motion is fast and vanish where it turns.",
-        remedy="Use the camera's own time stamps; leave the simulation alone.",
-    ),
+    title="time stamps that scatter",
+    kind="observation",
+    what="Frames are stamped a little early or late at random.",
+    symptom="Errors are large where motion is fast and vanish where it turns.",
+    remedy="Use the camera's own time stamps; leave the simulation alone.",
 )

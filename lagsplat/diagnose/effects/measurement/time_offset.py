@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import EffectDescription, Grade, InputEffect
+from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -33,23 +33,21 @@ EFFECT = InputEffect(
     name="time_offset",
     group="G",
     number=1,
+    component=None,
     level="perception",
     equation="y(t) = q(t + offset)",
     parameters=(
         EffectParameter("offset", "time", Normal(0.5), (-1.2, -0.6, -0.2, -0.05, 0.05, 0.2, 0.6, 1.2)),
     ),
-    amplitudes=0,
     needs="an input with steps, and an event that starts without it",
     along="whole",
     change=change,
     excitation=grade_excitation,
     confusable_with=("input_delay", "input_lag"),
     mujoco="it concerns the clocks of the recording, not the mechanism.",
-    description=EffectDescription(
-        title="clocks of motion and inputs that disagree",
-        kind="observation",
-        what="The log of the inputs is shifted in time against the motion.",
-        symptom="All responses start too early or too late by the same time; the physics is right.",
-        remedy="Shift one clock by the offset; leave the simulation alone.",
-    ),
+    title="clocks of motion and inputs that disagree",
+    kind="observation",
+    what="The log of the inputs is shifted in time against the motion.",
+    symptom="All responses start too early or too late by the same time; the physics is right.",
+    remedy="Shift one clock by the offset; leave the simulation alone.",
 )

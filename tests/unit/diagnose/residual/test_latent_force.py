@@ -26,19 +26,18 @@ def smooth_push(t, q, v, u):
     return np.array([6.0 * np.exp(-0.5 * ((t - 5.0) / 0.2) ** 2)])
 
 
-def small_record(ar1: float = 0.0) -> SmootherData:
+def small_record() -> SmootherData:
     rng = np.random.default_rng(0)
     h = rng.uniform(0.01, 0.03, 40)
     starts = np.zeros(40, dtype=bool)
     starts[[0, 23]] = True
     h[[22, 39]] = 0.0
     y = np.cumsum(rng.standard_normal((40, 2)), axis=0)
-    return SmootherData(y, starts, h, y.std(axis=0), 0.2, ar1)
+    return SmootherData(y, starts, h, y.std(axis=0), 0.2)
 
 
-@pytest.mark.parametrize("ar1", [0.0, 0.6])
-def test_slope_of_the_likelihood_is_its_difference(ar1):
-    record = small_record(ar1)
+def test_slope_of_the_likelihood_is_its_difference():
+    record = small_record()
     chain = _build_model(record, compute_kinematic_steps(record.h, 2), 0.3)
     values = np.array([0.3, 2.0, 0.01, 0.2])
     filtered = chain.forward(values)
@@ -49,17 +48,14 @@ def test_slope_of_the_likelihood_is_its_difference(ar1):
         assert score[i] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.parametrize("ar1", [0.0, 0.6])
-def test_smoother_is_the_posterior_of_one_large_gaussian(ar1):
+def test_smoother_is_the_posterior_of_one_large_gaussian():
     """An independent oracle: the joint covariance of all states and measurements, conditioned at once."""
-    record = small_record(ar1)
+    record = small_record()
     values = np.array([0.3, 2.0, 0.01, 0.2])
     chain = _build_model(record, compute_kinematic_steps(record.h, 2), 0.3)
     clip = slice(0, 23)
     n = chain.transition.shape[1]
     start = np.concatenate([np.ones(2), np.full(2, 25.0), values[:2], chain.rate**2 * values[:2]])
-    if ar1:
-        start = np.append(start, values[2:])
     joint = np.zeros((23 * n, 23 * n))
     joint[:n, :n] = np.diag(start)
     for t in range(1, 23):
@@ -71,17 +67,15 @@ def test_smoother_is_the_posterior_of_one_large_gaussian(ar1):
         for i in range(2):
             pair = [4 + i, 6 + i]
             noise[np.ix_(pair, pair)] = chain.drive[t - 1] * values[i]
-            if ar1:
-                noise[8 + i, 8 + i] = chain.colour[t - 1] * values[2 + i]
         joint[row, row] = a @ joint[(t - 1) * n : t * n, (t - 1) * n : t * n] @ a.T + noise
-    see = np.kron(np.eye(23), chain.design)
+    see = np.kron(np.eye(23), np.eye(2, n))
     y = chain.y[clip].ravel()
     mean = np.zeros(23 * n)
     for t in range(23):
         before = np.concatenate([chain.y[0], np.zeros(n - 2)]) if t == 0 else mean[(t - 1) * n : t * n]
         mean[t * n : t * n + n] = before if t == 0 else chain.transition[t - 1] @ before
-    white = np.zeros(46) if ar1 else np.tile(values[2:], 23)
-    gain = joint @ see.T @ np.linalg.inv(see @ joint @ see.T + np.diag(white))
+    white = np.diag(np.tile(values[2:], 23))
+    gain = joint @ see.T @ np.linalg.inv(see @ joint @ see.T + white)
     expected = (mean + gain @ (y - see @ mean)).reshape(23, n) * chain.units
     covariance = joint - gain @ see @ joint
     found = smooth_path(record, compute_kinematic_steps(record.h, 2), ForceVariances(0.3, values))
@@ -177,25 +171,6 @@ def test_uneven_samples_and_cuts_are_respected():
     (found,) = estimate_latent_force(Duffing(n_u=0), [again], period_s=1.0)
     assert np.sqrt(np.mean(found.residual**2)) < 0.01 * np.std(found.a)
     np.testing.assert_allclose(found.q[:600], found.q[600:], atol=1e-9)
-
-
-def test_coloured_noise_is_not_taken_for_a_force():
-    motion = film(Duffing(), 20.0, inputs=swing)
-    noise = np.zeros(motion.n)
-    rng = np.random.default_rng(2)
-    size = 0.01 * motion.q.std()
-    for i in range(1, motion.n):
-        noise[i] = 0.8 * noise[i - 1] + 0.6 * size * rng.standard_normal()
-    noisy = Trajectory(time_s=motion.time_s, q=motion.q + noise[:, None], u=motion.u)
-    (found,) = estimate_latent_force(Duffing(), [noisy], period_s=1.0, ar1=0.8)
-    assert np.mean(np.abs(found.residual) > 2.0 * found.std) < 0.05
-    assert found.noise[0] == pytest.approx(size, rel=0.25)
-
-
-def test_given_noise_is_kept():
-    motion = film(Duffing(), 5.0, inputs=swing, noise=0.02)
-    (found,) = estimate_latent_force(Duffing(), [motion], period_s=1.0, noise=np.array([0.05]))
-    assert found.noise[0] == pytest.approx(0.05)
 
 
 def test_a_period_from_the_equations():
