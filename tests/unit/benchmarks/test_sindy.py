@@ -1,11 +1,13 @@
 """The weak form of a residual, where a term is silent in the stretches that were drawn."""
 
 import numpy as np
+import pytest
 
 from benchmarks.gap_baselines.residual import Residual, Term
 from benchmarks.gap_baselines.sindy import weak_form
 
 
+@pytest.mark.filterwarnings("ignore:.*axes labeled")  # of PySINDy itself
 def test_a_term_that_is_zero_in_every_stretch_is_left_out() -> None:
     time = np.linspace(0.0, 4.0, 200)
     speed = np.sin(6.0 * time)
