@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import lagsplat
-from lagsplat.diagnose.effects.base import EffectDescription, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.effects.registry import catalogue, register_effect
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -23,13 +23,11 @@ EFFECT = ForceEffect(
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     law=force,
     excitation=lambda m: Grade("yes" if m.periods > 5 else "weak", "it swings", "record more swings"),
-    description=EffectDescription(
-        title="a ratchet",
-        kind="mechanism",
-        what="A pawl rubs in one direction of motion only.",
-        symptom="Swings in one direction are shorter.",
-        remedy="Add the friction of the pawl to the simulation.",
-    ),
+    title="a ratchet",
+    kind="mechanism",
+    what="A pawl rubs in one direction of motion only.",
+    symptom="Swings in one direction are shorter.",
+    remedy="Add the friction of the pawl to the simulation.",
     mujoco="the friction loss of a joint is the same in both directions",
 )
 

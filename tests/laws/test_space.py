@@ -2,10 +2,11 @@
 
 import numpy as np
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import ALPHA_MIN
 from lagsplat.splat.projection import View, make_view, project
 from lagsplat.splat.rasterize_torch import rasterize
 from lagsplat.views.camera import Camera, look_at, orbit_camera
@@ -58,15 +59,23 @@ def unpacked(entries: torch.Tensor) -> torch.Tensor:
     return full
 
 
+def assert_same_image(image: torch.Tensor, expected: torch.Tensor) -> None:
+    """Equal up to rounding, which may carry one Gaussian of a few pixels over the least alpha drawn."""
+    difference = (image - expected).abs().amax((0, 1))
+    assert difference.max() <= ALPHA_MIN
+    assert (difference > 1e-6).sum() <= 0.02 * HEIGHT * WIDTH
+
+
 @FEW
 @given(seed=SEEDS, yaw=ANGLES, pitch=ANGLES)
+@example(seed=109261, yaw=0.0, pitch=1.0)  # a Gaussian at the least alpha drawn
 def test_what_turns_with_its_camera_looks_the_same(seed: int, yaw: float, pitch: float) -> None:
     cloud, turned = scene(seed), orbit_camera(camera(), 40.0, yaw_deg=yaw, pitch_deg=pitch)
     turn = torch.from_numpy(turned.rotation.T @ camera().rotation)
     moved = cloud._replace(
         means=cloud.means @ turn.T, covariance=packed(turn @ unpacked(cloud.covariance) @ turn.T)
     )
-    torch.testing.assert_close(seen(moved, turned), seen(cloud, camera()), atol=1e-4, rtol=0)
+    assert_same_image(seen(moved, turned), seen(cloud, camera()))
 
 
 @FEW
@@ -75,7 +84,7 @@ def test_what_grows_with_its_distance_looks_the_same(seed: int, factor: float) -
     cloud = scene(seed)
     grown = cloud._replace(means=factor * cloud.means, covariance=factor**2 * cloud.covariance)
     near, far = camera(), camera(distance=40.0 * factor)
-    torch.testing.assert_close(seen(grown, far), seen(cloud, near), atol=1e-4, rtol=0)
+    assert_same_image(seen(grown, far), seen(cloud, near))
 
 
 @FEW

@@ -7,9 +7,8 @@ are read from the start up to the first incomplete one; of a cut chunk, whatever
 import os
 import struct
 from collections.abc import Callable, Iterator
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from pathlib import Path
-from typing import IO
 
 import lz4.frame
 import zstandard
@@ -65,8 +64,9 @@ def read_whole_messages(
             losses.append(f"{orphans} messages belong to a channel that is lost")
 
 
-def _summary(file: IO[bytes]) -> tuple[dict[int, Schema], dict[int, Channel]]:
+def _summary(file: BufferedReader) -> tuple[dict[int, Schema], dict[int, Channel]]:
     """Schemas and channels of the summary at the end, so that a topic survives the loss of their chunk."""
+    file.seek(0)
     try:
         summary = make_reader(file).get_summary()
     except (McapError, ValueError, OSError, struct.error):  # a file that is cut short has none
@@ -74,7 +74,7 @@ def _summary(file: IO[bytes]) -> tuple[dict[int, Schema], dict[int, Channel]]:
     return (summary.schemas, summary.channels) if summary else ({}, {})
 
 
-def _records(path: Path, file: IO[bytes], losses: list[str]) -> Iterator[McapRecord]:
+def _records(path: Path, file: BufferedReader, losses: list[str]) -> Iterator[McapRecord]:
     size, end = path.stat().st_size, file.tell()
     for record in _until_break(file, size):
         end = file.tell()
@@ -99,7 +99,7 @@ def _records(path: Path, file: IO[bytes], losses: list[str]) -> Iterator[McapRec
         yield from _whole_part(file.read(), losses)
 
 
-def _until_break(stream: IO[bytes], size: int) -> Iterator[McapRecord]:
+def _until_break(stream: BufferedReader | BytesIO, size: int) -> Iterator[McapRecord]:
     """Records outside chunks, up to the footer or the first that is incomplete or damaged."""
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=size)
     try:
