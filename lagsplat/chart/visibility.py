@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
-from skdim.id import MLE
 from torch import Tensor
 
 from lagsplat.array_types import Series
@@ -98,6 +97,8 @@ def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, see
             f"{len(sample)} different training frames are too few for "
             f"chart.dimension_neighbours={neighbours}: lower it"
         )
+    from skdim.id import MLE  # more than a second to import, which most jobs do without
+
     local = MLE().fit_transform_pw(sample, n_neighbors=neighbours)
     return float(1.0 / np.mean(1.0 / local[np.isfinite(local) & (local > 0)]))
 
