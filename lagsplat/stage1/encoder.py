@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
-from sklearn.manifold import Isomap
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -131,6 +130,8 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
     coordinates = np.zeros((len(pixels), d))
     if n_axes > 0:
         # The dense solver, because the iterative solver starts from a random vector.
+        from sklearn.manifold import Isomap  # slow to import, and only a training from nothing needs it
+
         isomap = Isomap(
             n_neighbors=min(NEIGHBORS, len(pixels) - 1), n_components=n_axes, eigen_solver="dense"
         )

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from sklearn.cluster import KMeans
 from torch import Tensor, nn
 
 from lagsplat.array_types import Frames
@@ -172,6 +171,8 @@ class KeyPoints(nn.Module):
     def gather(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"], *, seed: int) -> None:
         """Initialise the points by k-means on place and feature of the Gaussians."""
         joint = torch.cat((place, feature), 1).double().numpy()
+        from sklearn.cluster import KMeans  # slow to import, and only the start of a training needs it
+
         clusters = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
         centres = torch.as_tensor(clusters.cluster_centers_).to(self.place)
         self.place.copy_(centres[:, :2])
