@@ -100,13 +100,8 @@ def paired_margin(
     if len({str((run["recording"], run[block]["starts"], run[block]["states"])) for run in runs}) > 1:
         raise ValueError("windows differ between the two sides; evaluate both with the same settings")
     ours, theirs = (np.mean([run[block][key] for run in side], axis=0) for side in (first, second))
-    low, high = bootstrap_interval(
-        lambda values: values.mean(axis=-1),
-        theirs - ours,
-        resamples=resamples,
-        confidence=confidence,
-        seed=seed,
-    )
+    settings = {"resamples": resamples, "confidence": confidence, "seed": seed}
+    low, high = bootstrap_interval(lambda values: values.mean(axis=-1), theirs - ours, **settings)  # type: ignore[arg-type]
     value = float((theirs - ours).mean())
     return {
         "score": score,

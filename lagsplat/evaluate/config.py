@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_positive, require_setting
+
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class FigureConfig:
@@ -23,9 +25,8 @@ class FigureConfig:
 
     def __post_init__(self) -> None:
         known = self.start in ("held_out", "boundary")
-        _require("figure.start", self.start, known, "must be held_out or boundary")
-        for key in ("duration_s", "horizon_s", "horizon_starts"):
-            _require(f"figure.{key}", getattr(self, key), getattr(self, key) > 0, "must be positive")
+        require_setting("evaluate.figure.start", self.start, known, "must be held_out or boundary")
+        require_positive(self, "evaluate.figure", "duration_s", "horizon_s", "horizon_starts")
 
 
 @dataclass  # not frozen, for the same reason
@@ -70,44 +71,22 @@ class EvaluateConfig:
     figure: FigureConfig
 
     def __post_init__(self) -> None:
-        """Check that every value is in its domain; the message names the key, the value and the remedy."""
-        for key in _POSITIVE:
-            _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
+        def require(key: str, holds: bool, rule: str) -> None:
+            require_setting(f"evaluate.{key}", getattr(self, key), holds, rule)
+
+        require_positive(self, "evaluate", "starts", "floor_frames", "bootstrap", "free_max_segments")
+        require_positive(self, "evaluate", "decay_modes", "horizon_s", "periods", "free_min_s")
+        require_positive(self, "evaluate", "window_cycles", "window_min_cycles")
         for key in ("seed", "skip_s"):
-            _require(key, getattr(self, key), getattr(self, key) >= 0, "must not be negative")
-        for key in _FRACTIONS:
-            _require(
-                key, getattr(self, key), 0.0 < getattr(self, key) < 1.0, "must lie strictly between 0 and 1"
-            )
-        imposed = self.period_s is None or self.period_s > 0
-        _require("period_s", self.period_s, imposed, "must be positive or null")
+            require(key, getattr(self, key) >= 0, "must not be negative")
+        for key in ("confidence", "free_rate_fraction", "free_excursion_fraction", "window_min_amplitude"):
+            require(key, 0.0 < getattr(self, key) < 1.0, "must lie strictly between 0 and 1")
+        require("period_s", self.period_s is None or self.period_s > 0, "must be positive or null")
         known = self.velocity in ("forward", "central", "neighbours")
-        _require("velocity", self.velocity, known, "must be forward, central or neighbours")
-        factor = self.divergence_factor
-        _require("divergence_factor", factor, factor >= 1, "must be at least 1")
-        roomy = self.window_cycles >= 2 * self.window_min_cycles
+        require("velocity", known, "must be forward, central or neighbours")
+        require("divergence_factor", self.divergence_factor >= 1, "must be at least 1")
         rule = f"must be at least twice window_min_cycles={self.window_min_cycles}: no peak fits the band"
-        _require("window_cycles", self.window_cycles, roomy, rule)
-
-
-_POSITIVE = (
-    "starts",
-    "floor_frames",
-    "bootstrap",
-    "free_max_segments",
-    "decay_modes",
-    "horizon_s",
-    "periods",
-    "free_min_s",
-    "window_cycles",
-    "window_min_cycles",
-)
-_FRACTIONS = ("confidence", "free_rate_fraction", "free_excursion_fraction", "window_min_amplitude")
-
-
-def _require(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"evaluate.{key}={value} {rule}; set it in conf/evaluate or with evaluate.{key}=...")
+        require("window_cycles", self.window_cycles >= 2 * self.window_min_cycles, rule)
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -127,8 +106,7 @@ class GuaranteeConfig:
     """Distance from the equilibrium that counts as settled, as a share of the longest encoded state."""
 
     def __post_init__(self) -> None:
-        for key, value in vars(self).items():
-            _require_extrapolation(f"guarantee.{key}", value, value > 0, "must be positive")
+        require_positive(self, "extrapolation.guarantee", *vars(self))
 
 
 @dataclass  # not frozen, for the same reason
@@ -162,34 +140,13 @@ class ExtrapolationConfig:
     guarantee: GuaranteeConfig
 
     def __post_init__(self) -> None:
-        for key in (
-            "horizon_s",
-            "shown_s",
-            "looks",
-            "look_periods",
-            "history_periods",
-            "range_error",
-            "range_distance",
-        ):
-            _require_extrapolation(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
-        _require_extrapolation(
-            "shift_frames", self.shift_frames, self.shift_frames >= 0, "must not be negative"
-        )
+        def require(key: str, holds: bool, rule: str) -> None:
+            require_setting(f"extrapolation.{key}", getattr(self, key), holds, rule)
+
+        require_positive(self, "extrapolation", "horizon_s", "shown_s", "looks", "look_periods")
+        require_positive(self, "extrapolation", "history_periods", "range_error", "range_distance")
+        require("shift_frames", self.shift_frames >= 0, "must not be negative")
         odd = self.shift_steps > 0 and self.shift_steps % 2 == 1
-        _require_extrapolation(
-            "shift_steps", self.shift_steps, odd, "must be odd, so that no shift is among them"
-        )
-        share = self.least_inside
-        _require_extrapolation("least_inside", share, 0 <= share <= 1, "is a share: choose it in [0, 1]")
-        longer = self.horizon_s >= self.shown_s
-        _require_extrapolation(
-            "horizon_s", self.horizon_s, longer, f"must be at least shown_s={self.shown_s}"
-        )
-
-
-def _require_extrapolation(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(
-            f"extrapolation.{key}={value} {rule}; set it in conf/extrapolation or with "
-            f"extrapolation.{key}=..."
-        )
+        require("shift_steps", odd, "must be odd, so that no shift is among them")
+        require("least_inside", 0 <= self.least_inside <= 1, "is a share: choose it in [0, 1]")
+        require("horizon_s", self.horizon_s >= self.shown_s, f"must be at least shown_s={self.shown_s}")

@@ -84,10 +84,7 @@ def make_run_subject(
     recording: Recording,
     config: EvaluateConfig,
 ) -> EvaluationSubject:
-    """Bundle a trained run and the held-out part of its recording for `score`.
-
-    Args:
-        autoencoder, chart, lagrangian, recording, config: as `evaluate`.
+    """Bundle a trained run and the held-out part of its recording for `score`, with arguments as `evaluate`.
 
     Raises:
         ValueError: recording, chart and autoencoder do not belong together.
@@ -158,12 +155,7 @@ def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
 def make_renderer(
     autoencoder: Autoencoder, chart: Chart, *, height: int | None = None, width: int | None = None
 ) -> Render:
-    """A function that renders images at whitened latents.
-
-    Args:
-        autoencoder, chart: the decoder and its whitening.
-        height, width: image size [px]; None takes the training resolution.
-    """
+    """A function that renders images at whitened latents, by default at the training resolution [px]."""
 
     def render(q: np.ndarray) -> np.ndarray:
         return decode_latents(autoencoder, chart.to_raw(q), height=height, width=width)
@@ -189,11 +181,7 @@ def make_integrator(lagrangian: Lagrangian) -> Integrate:
 SCHEMA = 2
 
 
-def score(
-    subject: EvaluationSubject,
-    recording: Recording,
-    config: EvaluateConfig,
-) -> dict[str, Any]:
+def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConfig) -> dict[str, Any]:
     """Every score of a model as plain data: the table's numbers, their intervals, the details behind them.
 
     Raises:
@@ -217,7 +205,19 @@ def score(
         "n_held_out": held.n_frames,
         "skip_frames": held.skip,
         "dt_s": held.dt_s,
-        "scores": _scores(subject, floor, forecast, frequency, latent),
+        "scores": {
+            "ae_floor": floor["value"],
+            "mse_half_second": forecast["mse"],
+            "mse_ahead": forecast["mse_ahead"],
+            "frequency_error": frequency["value"],
+            "latent_nrmse": latent.get("nrmse"),
+            "image_ratio": latent.get("image_ratio"),
+            "external_force": subject.external_force,
+            "diverged": forecast["diverged"]
+            + latent.get("diverged", 0)
+            + sum(row["diverged"] for row in frequency["windows"]),
+            "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
+        },
         "intervals": {
             "mse_half_second": [forecast["low"], forecast["high"]],
             "mse_ahead": forecast["ahead_interval"],
@@ -231,26 +231,4 @@ def score(
         "damping": compare_decay(windows, reason),
         "latent": latent,
         "horizon": error_over_horizon(held, pictures, render, integrate, config),
-    }
-
-
-def _scores(
-    subject: EvaluationSubject,
-    floor: dict[str, Any],
-    forecast: dict[str, Any],
-    frequency: dict[str, Any],
-    latent: dict[str, Any],
-) -> dict[str, Any]:
-    return {
-        "ae_floor": floor["value"],
-        "mse_half_second": forecast["mse"],
-        "mse_ahead": forecast["mse_ahead"],
-        "frequency_error": frequency["value"],
-        "latent_nrmse": latent.get("nrmse"),
-        "image_ratio": latent.get("image_ratio"),
-        "external_force": subject.external_force,
-        "diverged": forecast["diverged"]
-        + latent.get("diverged", 0)
-        + sum(row["diverged"] for row in frequency["windows"]),
-        "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
     }

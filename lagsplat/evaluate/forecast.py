@@ -15,11 +15,9 @@ from lagsplat.evaluate.protocol import (
     Integrate,
     Pictures,
     Render,
-    bootstrap_interval,
-    cut_windows,
     draw_starts,
-    initial_states,
-    pin_diverged,
+    interval_over_windows,
+    roll_out_windows,
 )
 from lagsplat.evaluate.spectrum import resample_evenly
 from lagsplat.io.recording.segments import find_crossing_frames
@@ -38,31 +36,20 @@ def image_forecast(
     one, for paired comparisons.
 
     Args:
-        held: the held-out series.
-        pictures, render, integrate: recorded images, renderer and rollout of the model.
-        config: the evaluation protocol.
+        held, pictures, config: the held-out series, its recorded images, and the evaluation protocol.
+        render, integrate: renderer and rollout of the model.
 
     Source: paper, Metrics; the 0.5 s image MSE of the Krauss benchmark.
     """
     states = round(config.horizon_s / held.dt_s)
     starts = draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
-    q0, v0 = initial_states(held, starts)
     # ``mse_ahead`` needs one state more than the horizon; starts leave space for it.
-    steps_s = held.clock.steps_s(starts, states + 1)
-    rollouts = integrate(q0, v0, cut_windows(held.forcing, starts, states + 1), steps_s)
-    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    average = mean_image(held, pictures)
-    parts = frame_errors(pinned, gone, starts, pictures, render, average)
+    _, pinned, gone = roll_out_windows(held, integrate, starts, states + 1, config)
+    parts = frame_errors(pinned, gone, starts, pictures, render, mean_image(held, pictures))
     error, hold, mean = (part[:, :states].mean(axis=1) for part in parts)
     ahead, gone = parts[0][:, 1:].mean(axis=1), gone[:, :states]
     (low, high), ahead_interval = (
-        bootstrap_interval(
-            lambda values: values.mean(axis=-1),
-            values,
-            resamples=config.bootstrap,
-            confidence=config.confidence,
-            seed=config.seed,
-        )
+        interval_over_windows(lambda values: values.mean(axis=-1), values, config=config)
         for values in (error, ahead)
     )
     stayed = ~gone[:, -1]
@@ -75,7 +62,7 @@ def image_forecast(
         "high": high,
         "standard_error": standard_error(error),
         "mse_ahead": float(ahead.mean()),
-        "ahead_interval": list(ahead_interval),
+        "ahead_interval": ahead_interval,
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),
@@ -92,26 +79,6 @@ def mean_image(held: HeldOut, pictures: Pictures) -> np.ndarray:
     return pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
 
 
-def window_errors(
-    pinned: np.ndarray,
-    gone: np.ndarray,
-    starts: np.ndarray,
-    pictures: Pictures,
-    render: Render,
-    mean_frame: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image errors of each window: of the rollout, of repeating the first frame, of the mean frame.
-
-    Args:
-        pinned, gone: rollouts with diverged states pinned, and which states these are.
-        starts: first frame of each window.
-        pictures, render, mean_frame: recorded images, renderer, and mean of the recorded images.
-    """
-    parts = frame_errors(pinned, gone, starts, pictures, render, mean_frame)
-    error, hold, mean = (part.mean(axis=1) for part in parts)
-    return error, hold, mean
-
-
 def frame_errors(
     pinned: np.ndarray,
     gone: np.ndarray,
@@ -120,10 +87,12 @@ def frame_errors(
     render: Render,
     mean_frame: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The errors of `window_errors` for each frame of each window, (B, N) each.
+    """Image errors (B, N): of the rollout, of repeating the first frame, of the mean frame.
 
     Args:
-        pinned, gone, starts, pictures, render, mean_frame: as `window_errors`.
+        pinned, gone: rollouts with diverged states pinned, and which states these are.
+        starts: first frame of each window.
+        pictures, render, mean_frame: recorded images, renderer, and mean of the recorded images.
     """
     rows = []
     for states, lost, start in zip(pinned, gone, starts, strict=True):
@@ -153,10 +122,7 @@ def error_over_horizon(
 
     ``median``, ``low`` and ``high`` (the central two thirds) are over ``config.figure.horizon_starts``
     starts; ``hold`` and ``mean_frame`` are the medians of repeating the first frame and of the mean frame.
-    Diverged states count as in `image_forecast`.
-
-    Args:
-        held, pictures, render, integrate, config: as `image_forecast`.
+    Arguments and diverged states are as in `image_forecast`.
     """
     first, stop = held.longest
     # Half a clip leaves enough frames for different starts.
@@ -165,13 +131,9 @@ def error_over_horizon(
         return {"reason": f"the longest scored clip has {stop - first} frames; hold out more"}
     count = config.figure.horizon_starts
     starts = draw_starts(held, length=states, margin=0, count=count, seed=config.seed)
-    q0, v0 = initial_states(held, starts)
-    rollouts = integrate(
-        q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states)
-    )
-    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    average = mean_image(held, pictures)
-    error, hold, mean = frame_errors(pinned, gone, starts, pictures, render, average)
+    _, pinned, gone = roll_out_windows(held, integrate, starts, states, config)
+    errors = frame_errors(pinned, gone, starts, pictures, render, mean_image(held, pictures))
+    error, hold, mean = errors
     low, high = np.percentile(error, BAND, axis=0)
     return {
         "time_s": (held.dt_s * np.arange(states)).tolist(),
@@ -259,14 +221,10 @@ def choose_boundary_clip(chart: Chart) -> BoundaryClip:
 def measure_autoencoder_floor(
     held: HeldOut, pictures: Pictures, render: Render, *, most: int
 ) -> dict[str, Any]:
-    """Static reconstruction error of the unsmoothed latents, on evenly spaced held-out frames.
+    """Static reconstruction error of the unsmoothed latents, on at most ``most`` evenly spaced frames.
 
     Mean squared error over channels and pixels at the training resolution, colours in [0, 1]. Errors of
     neighbouring frames are correlated, so ``spread`` (standard deviation) is not a standard error.
-
-    Args:
-        held, pictures, render: the held-out series, recorded images and the renderer.
-        most: maximum number of frames.
 
     Source: paper, Metrics, the AE floor.
     """

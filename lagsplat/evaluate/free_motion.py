@@ -88,10 +88,8 @@ def cut_free_windows(
     """
     segments = find_free_segments(held, config)
     if not segments:
-        return (
-            [],
-            f"no input stands still for {config.free_min_s} s after the first {held.skip} held-out frames",
-        )
+        reason = f"no input stands still for {config.free_min_s} s"
+        return [], f"{reason} after the first {held.skip} held-out frames"
     scale = _rms(held.encoded, held.metric)
     kept: list[FreeWindow] = []
     for start, stop in segments:

@@ -1,23 +1,21 @@
 """Latent and image error over two natural periods, in the visibility metric."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.forecast import image_errors, mean_image, window_errors
+from lagsplat.evaluate.forecast import frame_errors, image_errors, mean_image
 from lagsplat.evaluate.protocol import (
     HeldOut,
     Integrate,
     Pictures,
     Render,
-    bootstrap_interval,
     cut_windows,
     draw_starts,
     explain_shortage,
-    initial_states,
-    pin_diverged,
+    interval_over_windows,
+    roll_out_windows,
 )
 
 
@@ -39,9 +37,7 @@ def latent_forecast(
     ``nrmse_hold`` repeats the initial state. Where no scored clip is as long as the horizon the result is
     only a ``reason``.
 
-    Args:
-        held, pictures, render, integrate, config: as `lagsplat.evaluate.forecast.image_forecast`.
-        period_s: the natural period [s].
+    The other arguments are those of `lagsplat.evaluate.forecast.image_forecast`.
 
     Source: paper, Metrics, latent and image error.
     """
@@ -50,11 +46,9 @@ def latent_forecast(
     if why := explain_shortage(held, length=states, margin=margin):
         return {"reason": why}
     starts = draw_starts(held, length=states, margin=margin, count=config.starts, seed=config.seed)
-    q0, v0 = initial_states(held, starts)
-    steps_s = held.clock.steps_s(starts, states)
-    rollouts = integrate(q0, v0, cut_windows(held.forcing, starts, states), steps_s)
-    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
-    image, image_hold, _ = window_errors(pinned, gone, starts, pictures, render, mean_image(held, pictures))
+    q0, pinned, gone = roll_out_windows(held, integrate, starts, states, config)
+    errors = frame_errors(pinned, gone, starts, pictures, render, mean_image(held, pictures))
+    image, image_hold, _ = (part.mean(axis=1) for part in errors)
     frames = starts[:, None] + np.arange(states)
     floor = np.array([image_errors(render(held.latents[part]), pictures(part)).mean() for part in frames])
     stayed = ~gone[:, -1]
@@ -70,7 +64,12 @@ def latent_forecast(
         "floor": float(floor.mean()),
         "starts": starts.tolist(),
         **_latent_scores(held, starts, q0, pinned, gone, config),
-        **_image_scores(image, floor, config),
+        "image_ratio": float(image.mean() / floor.mean()),
+        "image_ratio_interval": interval_over_windows(
+            lambda errors, floors: errors.mean(axis=-1) / floors.mean(axis=-1), image, floor, config=config
+        ),
+        "per_window_image": image.tolist(),
+        "per_window_floor": floor.tolist(),
     }
 
 
@@ -93,7 +92,7 @@ def _latent_scores(
 
     return {
         "nrmse": float(nrmse(error)),
-        "nrmse_interval": _interval(nrmse, error, config=config),
+        "nrmse_interval": interval_over_windows(nrmse, error, config=config),
         "nrmse_staying": float(nrmse(error[stayed])) if stayed.any() else None,
         "nrmse_hold": float(nrmse(hold)),
         "per_window": np.sqrt(error / scale).tolist(),
@@ -106,34 +105,12 @@ def state_spread(held: HeldOut) -> float:
 
 
 def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray) -> np.ndarray:
-    """Squared error of each state; a diverged one takes the larger of the pinned and the mean state's.
-
-    Args:
-        held, encoded: the held-out series, and the encoded states of the windows.
-        pinned, gone: rollouts with diverged states pinned, and which states these are.
+    """Squared error of each state of `roll_out_windows` against the ``encoded`` one; a diverged one takes the
+    larger of the pinned and the mean state's.
     """
     error = squared_norm(pinned - encoded, held.metric)
     mean = squared_norm(held.encoded.mean(axis=0) - encoded, held.metric)
     return np.where(gone, np.maximum(error, mean), error)
-
-
-def _image_scores(image: np.ndarray, floor: np.ndarray, config: EvaluateConfig) -> dict[str, Any]:
-    def ratio(errors: np.ndarray, floors: np.ndarray) -> Any:
-        return errors.mean(axis=-1) / floors.mean(axis=-1)
-
-    return {
-        "image_ratio": float(ratio(image, floor)),
-        "image_ratio_interval": _interval(ratio, image, floor, config=config),
-        "per_window_image": image.tolist(),
-        "per_window_floor": floor.tolist(),
-    }
-
-
-def _interval(statistic: Callable[..., Any], *values: np.ndarray, config: EvaluateConfig) -> list[float]:
-    low, high = bootstrap_interval(
-        statistic, *values, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
-    )
-    return [low, high]
 
 
 def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:

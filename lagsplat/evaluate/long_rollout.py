@@ -113,10 +113,8 @@ def compute_long_rollout(
     """Roll out over the window that ``config.figure`` asks for, and render its last state.
 
     Args:
-        autoencoder, chart: the image model and its latents.
-        lagrangian: the learned dynamics.
-        recording: the frames.
-        config: settings of the figure.
+        autoencoder, chart, lagrangian: the image model, its latents and the learned dynamics.
+        recording, config: the frames, and settings of the figure.
         fine: a finer decoder to render with, where one was fitted.
 
     Raises:

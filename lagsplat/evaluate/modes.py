@@ -44,13 +44,13 @@ def fit_modes(
     independent samples.
 
     Args:
-        series, dt_s: states (N, d), evenly spaced (see `resample_evenly`), and their spacing [s].
-        metric, most: weight of the coordinates (d, d), and maximum number of oscillations.
+        series, dt_s: states, evenly spaced (see `resample_evenly`), and their spacing [s].
+        metric, most: weight of the coordinates, and maximum number of oscillations.
 
     Source: DOI 10.1109/29.32276 (ESPRIT); DOI 10.1137/0710036 (variable projection).
     """
     stride = max(1, len(series) // SAMPLES)
-    sampled = series[::stride] @ _root(metric)
+    sampled = series[::stride] @ root_of_metric(metric)
     step_s = dt_s * stride
     scale = np.abs(sampled - sampled.mean(axis=0)).max()
     if len(sampled) < 12 or not np.isfinite(scale) or scale == 0.0:
@@ -68,7 +68,8 @@ def fit_modes(
     return _oscillations(poles, sigma, signal, time_s)
 
 
-def _root(metric: np.ndarray) -> np.ndarray:
+def root_of_metric(metric: Float64[np.ndarray, "d d"]) -> Float64[np.ndarray, "d d"]:
+    """A matrix ``R`` with ``R R^T = metric``: distances of states times ``R`` are those in the metric."""
     values, vectors = np.linalg.eigh(metric)
     return vectors * np.sqrt(np.clip(values, 0.0, None))
 

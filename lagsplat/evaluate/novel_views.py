@@ -37,11 +37,7 @@ def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: Nov
     aside = np.stack(list(errors.values()))
     groups = {"held_out": aside[views.held_out], "seen": aside[~views.held_out], "filmed": filmed[None]}
     told: dict[str, Any] = {
-        name: {
-            "train": _mean(values[:, train]),
-            "rest": _mean(values[:, ~train]),
-            "cameras": len(values),
-        }
+        name: {"train": _mean(values[:, train]), "rest": _mean(values[:, ~train]), "cameras": len(values)}
         for name, values in groups.items()
     }
     return told | {"per_camera": {name: _mean(values) for name, values in errors.items()}}
@@ -56,18 +52,9 @@ def draw_novel_view(autoencoder: Autoencoder, latents: np.ndarray, camera: Camer
 
 
 def view_errors(
-    autoencoder: Autoencoder,
-    latents: np.ndarray,
-    camera: Camera,
-    truth: Frames,
-    known: np.ndarray | None,
+    autoencoder: Autoencoder, latents: np.ndarray, camera: Camera, truth: Frames, known: np.ndarray | None
 ) -> np.ndarray:
-    """Mean squared error (T,) of each rendered image.
-
-    Args:
-        autoencoder, latents, camera: what renders the images.
-        truth, known: the recorded images, and the pixels (T, H, W) that count (None is all).
-    """
+    """Mean squared error (T,) of each rendered image over the pixels (T, H, W) ``known``, by default all."""
     wanted = np.moveaxis(to_images(np.asarray(truth)).numpy(), 1, 3)
     square = np.square(draw_novel_view(autoencoder, latents, camera) - wanted).mean(3)
     weight = np.ones_like(square) if known is None else known

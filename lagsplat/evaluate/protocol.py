@@ -100,12 +100,7 @@ def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
 
 
 def list_series(chart: Chart, part: EncodedTrajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
-    """A part of a chart in the form that the scores use.
-
-    Args:
-        chart, part: the chart, and the part of it.
-        config, skip: the evaluation protocol, and the frames to skip.
-    """
+    """The ``part`` of a chart in the form that the scores use, from frame ``skip`` on."""
     smooth = part.smoothed(chart.smoothing_frames)
     return HeldOut(
         encoded=smooth.latents,
@@ -140,9 +135,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``. Drawn
     with replacement, so windows may overlap.
 
-    Args:
-        held, length, margin: the series, states of a window, and frames needed after it.
-        count, seed: number of starts, and the random seed.
+    ``margin`` frames are needed after a window.
 
     Raises:
         ValueError: no clip of the scored part is long enough.
@@ -200,24 +193,39 @@ def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np
     return pinned, gone
 
 
+def roll_out_windows(
+    held: HeldOut, integrate: Integrate, starts: Int64[np.ndarray, " B"], states: int, config: EvaluateConfig
+) -> tuple[Float64[np.ndarray, "B d"], Rollouts, Bool[np.ndarray, "B N"]]:
+    """The initial states, and the rollouts of so many ``states`` from them as `pin_diverged` returns them."""
+    q0, v0 = initial_states(held, starts)
+    rollouts = integrate(
+        q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states)
+    )
+    return q0, *pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
+
+
 def bootstrap_interval(
     statistic: Callable[..., np.ndarray],
     *per_window: Float64[np.ndarray, " B"],
     resamples: int,
     confidence: float,
     seed: int,
-) -> tuple[float, float]:
+) -> list[float]:
     """Percentile interval of a statistic over windows drawn with replacement.
 
-    Overlapping windows are treated as independent, which makes the interval slightly narrow.
-
-    Args:
-        statistic: reduces the last axis of arrays (resamples, B), one for each of ``per_window`` (B,).
-        resamples, confidence, seed: of the bootstrap.
+    ``statistic`` reduces the last axis of arrays (resamples, B), one for each of ``per_window``. Overlapping
+    windows are treated as independent, which makes the interval slightly narrow.
     """
     count = per_window[0].shape[0]
     draws = np.random.default_rng(seed).integers(0, count, size=(resamples, count))
     values = statistic(*(values[draws] for values in per_window))
     tail = 50.0 * (1.0 - confidence)
-    low, high = np.percentile(values, [tail, 100.0 - tail])
-    return float(low), float(high)
+    return [float(end) for end in np.percentile(values, [tail, 100.0 - tail])]
+
+
+def interval_over_windows(
+    statistic: Callable[..., np.ndarray], *per_window: Float64[np.ndarray, " B"], config: EvaluateConfig
+) -> list[float]:
+    """`bootstrap_interval` as ``config`` sets it."""
+    settings = {"resamples": config.bootstrap, "confidence": config.confidence, "seed": config.seed}
+    return bootstrap_interval(statistic, *per_window, **settings)  # type: ignore[arg-type]

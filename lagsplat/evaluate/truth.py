@@ -45,10 +45,7 @@ class KnownQuantity(Protocol):
 
 
 def compare_with_truth(
-    metrics: dict[str, Any],
-    truth: KnownQuantity,
-    chart: Chart,
-    lagrangian: Lagrangian,
+    metrics: dict[str, Any], truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian
 ) -> dict[str, Any]:
     """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
 
@@ -58,12 +55,8 @@ def compare_with_truth(
 
     Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
     rollout`` and the true motion are fitted on the same windows of free motion, because frequency depends on
-    amplitude and the fit has a bias. ``linearised law`` is compared with the true eigenvalues.
-
-    Args:
-        metrics: result of `evaluate` for this run.
-        truth: of the simulated recording.
-        chart, lagrangian: the trained run.
+    amplitude and the fit has a bias. ``linearised law`` is compared with the true eigenvalues. ``metrics``
+    is the result of `evaluate` for this run.
 
     Raises:
         ValueError: truth and chart are of recordings of different length.
@@ -196,11 +189,7 @@ def has_settled_elsewhere(
 
     ``A`` is a random matrix of condition below three. Energy, elastic force and the matter's Jacobian are
     those of the new chart, ``J Psi`` with ``Psi = dq/dx``; the solver is another one (BFGS, then Powell's
-    hybrid on the slope). Returned in the chart of the run.
-
-    Args:
-        held, grip: the operating point, and the grasp.
-        force, seed: the force on the grasp, and the seed of ``A``.
+    hybrid on the slope). Returned in the chart of the run; ``seed`` is that of ``A``.
 
     Source: paper, Appendix "Invariance to the latent chart".
     """

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from lagsplat.baselines.neural_ode import NeuralOde, continue_rollout
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
-from lagsplat.evaluate.evaluate import make_renderer, require_same_run
+from lagsplat.evaluate.evaluate import make_renderer, read_recorded_inputs, require_same_run
 from lagsplat.evaluate.extrapolation.oscillation import (
     KnownStates,
     StateReading,
@@ -39,29 +39,18 @@ from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 
 SCHEMA = 1
-Energy = Callable[[np.ndarray, float], np.ndarray]
-"""(states (N,d), spacing [s]) -> the energy of the learned law along them (N,)."""
-
-
-def recorded_frames(recording: Recording) -> Pictures:
-    """A function that returns recorded images (N,3,H,W) in [0, 1] by frame number."""
-
-    def pictures(frames: np.ndarray) -> np.ndarray:
-        stored = np.asarray(recording.frames[frames])
-        return np.moveaxis(stored, 3, 1).astype(np.float32) / np.float32(255.0)
-
-    return pictures
 
 
 def open_scene(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
 ) -> tuple[BoundaryClip, KnownStates, Pictures]:
-    """The clip to extrapolate, the states that the encoder knows, and the recorded images.
+    """The clip to extrapolate, the states that the encoder knows, and the recorded images by frame number.
 
     Raises:
-        ValueError: as `choose_boundary_clip`.
+        ValueError: recording, chart and autoencoder do not belong together, or as `choose_boundary_clip`.
     """
-    pictures = recorded_frames(recording)
+    require_same_run(autoencoder, chart, recording)
+    pictures = read_recorded_inputs(recording, first=0)
     return choose_boundary_clip(chart), collect_known_states(autoencoder, chart, pictures), pictures
 
 
@@ -99,7 +88,7 @@ def score_extrapolation(
     known: KnownStates,
     pictures: Pictures,
     config: ExtrapolationConfig,
-    energy: Energy,
+    lagrangian: Lagrangian,
 ) -> dict[str, Any]:
     """Everything that is compared between models, as plain data.
 
@@ -110,7 +99,7 @@ def score_extrapolation(
     in range; where too few are, physics and ``left`` are None and ``reason`` says so.
 
     Args:
-        predictor, energy: the model, and the energy of the learned law along a series of states.
+        predictor, lagrangian: the model, and the learned law by whose energy all models are measured.
         crossing: the clip that runs from training into held-out frames.
         known, pictures: training states of the encoder, and recorded images by frame number.
         config: horizon, intervals and range limits.
@@ -124,6 +113,7 @@ def score_extrapolation(
     held = np.arange(crossing.boundary, crossing.stop)
     recorded, ahead = pictures(held), crossing.ahead
     floor = decode_latents(known.autoencoder, known.chart.to_raw(crossing.latents[crossing.n_train :]))
+    energy = energy_along_rollout(lagrangian)
     looks = [_look(predictor, crossing, ends, energy) for ends in measure_states(crossing, config)]
     readings = [reading for _, reading in looks if reading is not None]
     seen = summarize_reading(readings) if readings else {"frames": 0, "inside": 0.0}
@@ -168,7 +158,10 @@ def measure_states(crossing: BoundaryClip, config: ExtrapolationConfig) -> list[
 
 
 def _look(
-    predictor: Predictor, crossing: BoundaryClip, ends: tuple[int, int], energy: Energy
+    predictor: Predictor,
+    crossing: BoundaryClip,
+    ends: tuple[int, int],
+    energy: Callable[[np.ndarray, float], np.ndarray],
 ) -> tuple[dict[str, Any], StateReading | None]:
     states, reading = predictor.states(*ends)
     cycles = max(round(crossing.period_s / crossing.dt_s * 2), 8)
@@ -234,8 +227,7 @@ def score_held_out_psnr(draw: Draw, recorded: np.ndarray, ahead: np.ndarray) -> 
 
     Source: paper, Table "Extrapolation past the training window".
     """
-    values = to_decibels(image_errors(draw(ahead), recorded))
-    return _summary(values)
+    return _summary(to_decibels(image_errors(draw(ahead), recorded)))
 
 
 def score_aligned_psnr(
@@ -274,24 +266,16 @@ def extrapolate_ode(
 ) -> dict[str, Any]:
     """The measures of `score_extrapolation` for a neural ODE on the same chart.
 
-    Args:
-        autoencoder, chart, ode: the decoder, its chart and the fitted neural ODE.
-        lagrangian: gives the energy by which every model's motion is measured.
-        recording, config: the chart's recording, and horizon, intervals and range limits.
-
     Raises:
-        ValueError: recording, chart and autoencoder do not belong together, or no clip crosses into the
-            held-out frames.
+        ValueError: as `open_scene`.
     """
-    require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
         return continue_rollout(ode, q0, v0, states=states, dt_s=crossing.dt_s)
 
-    render = make_renderer(autoencoder, chart)
-    predictor = make_law_predictor(roll_out, known, render, crossing, config)
-    return score_extrapolation(predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian))
+    predictor = make_law_predictor(roll_out, known, make_renderer(autoencoder, chart), crossing, config)
+    return score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
 
 
 def extrapolate_run(
@@ -303,25 +287,14 @@ def extrapolate_run(
 ) -> dict[str, Any]:
     """The measures of `score_extrapolation` for a run, with its equilibrium and its ``guarantee``.
 
-    Args:
-        autoencoder, chart, lagrangian: the trained run.
-        recording, config: its recording, and horizon, intervals and range limits.
-
     Raises:
-        ValueError: recording, chart and autoencoder do not belong together, no clip crosses into the
-            held-out frames, or the mass is induced by the decoder.
+        ValueError: as `open_scene`, or the mass is induced by the decoder.
     """
-    require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
-    render = make_renderer(autoencoder, chart)
-    predictor = make_law_predictor(
-        roll_out_free_motion(lagrangian, crossing.dt_s), known, render, crossing, config
-    )
-    found = score_extrapolation(
-        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
-    )
+    roll_out, render = roll_out_free_motion(lagrangian, crossing.dt_s), make_renderer(autoencoder, chart)
+    predictor = make_law_predictor(roll_out, known, render, crossing, config)
     still = lagrangian.rest.new_zeros(lagrangian.n_inputs)
-    return found | {
+    return score_extrapolation(predictor, crossing, known, pictures, config, lagrangian) | {
         "clip": crossing.latents.tolist(),
         "equilibrium": find_equilibrium(lagrangian, still).tolist(),
         "guarantee": measure_guarantee(lagrangian, chart, config.guarantee),
@@ -386,11 +359,6 @@ def make_law_predictor(
 
     Each initial state is the least-squares fit to the encoded training frames of ``config.history_periods``;
     no held-out frame is used.
-
-    Args:
-        roll_out, render: the law, and the renderer of its states.
-        known, crossing: training states of the encoder, and the clip that runs into held-out frames.
-        config: gives the length of the fitted history.
     """
     history = crossing.history(config.history_periods)
     places = crossing.places
@@ -416,10 +384,6 @@ def fit_start(
     """State and velocity [1/s] at frame ``at`` of the clip whose rollout fits the next ``frames`` best.
 
     Least squares in the metric, from the first state and the slope of a parabola through the frames.
-
-    Args:
-        roll_out, crossing: the law, and the clip.
-        at, frames: frame of the clip where the rollout starts, and number of frames to fit.
     """
     latents, d = crossing.latents[at : at + frames], crossing.latents.shape[1]
     places = crossing.places[at : at + frames] - crossing.places[at]

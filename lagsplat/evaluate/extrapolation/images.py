@@ -12,7 +12,6 @@ from lagsplat.baselines.keypoints.forecast import KeyPointPath, continue_path, d
 from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
-from lagsplat.evaluate.evaluate import require_same_run
 from lagsplat.evaluate.extrapolation.forecast import (
     open_scene,
     score_extrapolation,
@@ -20,7 +19,6 @@ from lagsplat.evaluate.extrapolation.forecast import (
     to_decibels,
 )
 from lagsplat.evaluate.extrapolation.oscillation import KnownStates, StateReading, read_states
-from lagsplat.evaluate.forces.known_forces import energy_along_rollout
 from lagsplat.evaluate.forecast import BoundaryClip
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
@@ -86,15 +84,9 @@ def extrapolate_forecaster(
     at times it was not trained on (``in_time``), and the one-step error of the graph network over the motion
     from frame to frame.
 
-    Args:
-        autoencoder, chart, lagrangian, recording, config: as `extrapolate_run`.
-        forecaster: the trained key-point model.
-
     Raises:
-        ValueError: the forecaster was trained on other frames, recording, chart and autoencoder do not
-            belong together, or no clip crosses into the held-out frames.
+        ValueError: the forecaster was trained on other frames, or as `open_scene`.
     """
-    require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
     of = forecaster.architecture
     if (of.frames, of.height, of.width) != (crossing.n_train, recording.height, recording.width):
@@ -109,9 +101,7 @@ def extrapolate_forecaster(
     predictor = ImagePredictor(
         known, config, crossing, fitted, lambda at: draw_path(forecaster, path, at), between_frames=True
     )
-    found = score_extrapolation(
-        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
-    )
+    found = score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
     recorded = pictures(np.arange(crossing.start, crossing.boundary))
     return found | {"own": _own(forecaster, crossing, recorded, fitted, train, pictures)}
 
@@ -144,20 +134,15 @@ def extrapolate_frames(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for ``frames`` that another program predicted.
+    """The measures of `score_extrapolation` for ``frames`` (N,H,W,3) that another program predicted.
 
-    They hold nothing of the training part, so no oscillation is compared over the whole clip: see
-    ``held_out``. If they end before the horizon, no amplitude at the horizon is given.
-
-    Args:
-        autoencoder, chart, lagrangian, recording, config: as `extrapolate_run`.
-        frames: predicted frames (N,H,W,3); the first is the first held-out frame.
+    The first is the first held-out frame. They hold nothing of the training part, so no oscillation is
+    compared over the whole clip: see ``held_out``. If they end before the horizon, no amplitude at the
+    horizon is given.
 
     Raises:
-        ValueError: fewer frames than are held out, or frames of another size; recording, chart and
-            autoencoder do not belong together, or no clip crosses into the held-out frames.
+        ValueError: fewer frames than are held out, or frames of another size; or as `open_scene`.
     """
-    require_same_run(autoencoder, chart, recording)
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
     held = crossing.stop - crossing.boundary
     if len(frames) < held:
@@ -174,9 +159,7 @@ def extrapolate_frames(
     within = replace(config, shown_s=shown_s, horizon_s=max(min(config.horizon_s, reached_s), shown_s))
     unknown = np.full((crossing.n_train, 3, recording.height, recording.width), np.nan, dtype=np.float32)
     predictor = ImagePredictor(known, within, crossing, unknown, show, between_frames=False)
-    found = score_extrapolation(
-        predictor, crossing, known, pictures, within, energy_along_rollout(lagrangian)
-    )
+    found = score_extrapolation(predictor, crossing, known, pictures, within, lagrangian)
     if within.horizon_s < config.horizon_s:
         why = f"{reached_s:.4g} s were predicted, not the {config.horizon_s:.4g} s of the horizon"
         found |= {"left": None, "reason": found["reason"] or why}

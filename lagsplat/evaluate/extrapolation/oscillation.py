@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.forecast import image_errors
-from lagsplat.evaluate.modes import fit_modes
+from lagsplat.evaluate.modes import fit_modes, root_of_metric
 from lagsplat.evaluate.protocol import Pictures
 from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents
 
@@ -174,8 +174,7 @@ def collect_known_states(autoencoder: Autoencoder, chart: Chart, pictures: Pictu
         image_errors(decode_latents(autoencoder, chart.to_raw(states[part])), pictures(part)).max()
         for part in np.array_split(chosen, max(1, len(chosen) // CHUNK))
     ]
-    values, vectors = np.linalg.eigh(chart.metric)
-    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    root = root_of_metric(chart.metric)
     seen = states @ root
     scale = float(np.sqrt(np.square(seen - seen.mean(axis=0)).sum(axis=1).mean()))
     return KnownStates(autoencoder, chart, float(max(errors)), scale, root, cKDTree(seen))

@@ -1,6 +1,7 @@
 """Compare the static answers of a law that was trained without forces with the true ones."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,29 +18,32 @@ Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
 Errors = dict[str, Float64[np.ndarray, "N L"]]
 
 
+@dataclass(frozen=True)
+class GraspedPoints:
+    """The grasp of each material point, None where there is none, and which points are grasped.
+
+    ``field`` is how the points move [px per whitened unit]; zero where they are not grasped.
+    """
+
+    grips: list[GraspPoint | None]
+    field: Float64[np.ndarray, "P 2 d"]
+    usable: Bool[np.ndarray, " P"]
+
+
 def choose_grasps(
     held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
-) -> list[GraspPoint | None]:
-    """The grasp of a click on each material point, by a brush or the nearest Gaussian; None if there is
-    none.
-    """
-    found: list[GraspPoint | None] = []
+) -> GraspedPoints:
+    """The grasp of a click on each material point, by a brush [px] or the nearest Gaussian."""
+    grips: list[GraspPoint | None] = []
     for x, y in places:
         point: Point = (float(x), float(y))
         try:
             taken = grasp_nearest(held.kinematics, held.rest, point) if radius is None else None
-            found.append(taken or grasp_brush(held.kinematics, held.rest, point, radius=radius or 1.0))
+            grips.append(taken or grasp_brush(held.kinematics, held.rest, point, radius=radius or 1.0))
         except NoMatterError:
-            found.append(None)
-    return found
-
-
-def select_matter(
-    grips: list[GraspPoint | None], d: int
-) -> tuple[Bool[np.ndarray, " P"], Float64[np.ndarray, "P 2 d"]]:
-    """Which points are grasped, and how they move [px per whitened unit]; zero elsewhere."""
-    field = [np.zeros((2, d)) if grip is None else grip.jacobian.numpy() for grip in grips]
-    return np.array([grip is not None for grip in grips]), np.stack(field)
+            grips.append(None)
+    field = [np.zeros((2, held.law.d)) if grip is None else grip.jacobian.numpy() for grip in grips]
+    return GraspedPoints(grips, np.stack(field), np.array([grip is not None for grip in grips]))
 
 
 def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
@@ -61,18 +65,21 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
         NoScaleError: with a brush, the law answers the reference poke in the wrong direction.
     """
     brushed = choose_grasps(held, pokes.places, radius=radius)
-    usable, field = select_matter(brushed, held.law.d)
+    nearest = replace(brushed, grips=choose_grasps(held, pokes.places, radius=None).grips)
     inside = pokes.distance <= 1.0
-    result: dict[str, Any] = {"points": int(usable.sum()), "missed": int((~usable).sum())}
-    for name, grips in (("brush", brushed), ("nearest", choose_grasps(held, pokes.places, radius=None))):
+    result: dict[str, Any] = {
+        "points": int(brushed.usable.sum()),
+        "missed": int((~brushed.usable).sum()),
+    }
+    for name, grasps in (("brush", brushed), ("nearest", nearest)):
         try:
-            scale, others = compare_scales(held, pokes, grips, field, usable)
+            scale, others = compare_scales(held, pokes, grasps)
         except NoScaleError as error:
             if name == "brush":
                 raise
             result[name] = {"refused": str(error)}
             continue
-        errors = compute_errors(held, pokes, grips, field, usable, scale, read)
+        errors = compute_errors(held, pokes, grasps, scale, read)
         result[name] = {
             "scale": scale,
             "scale_of_others": _spread(others / scale),
@@ -90,41 +97,34 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     return result
 
 
-def list_loads(pokes: KnownForces, grips: list[GraspPoint | None], d: int) -> Float64[np.ndarray, "N L d"]:
+def list_loads(pokes: KnownForces, grasps: GraspedPoints) -> Float64[np.ndarray, "N L d"]:
     """The pulled-back forces for an energy scale of one; NaN where nothing is grasped."""
+    nothing, grips = np.full((2, grasps.field.shape[2]), np.nan), (grasps.grips[p] for p in pokes.point)
     return np.stack(
         [
-            np.full((len(forces), d), np.nan) if grip is None else forces @ grip.jacobian.numpy()
-            for forces, grip in zip(pokes.forces, (grips[p] for p in pokes.point), strict=True)
+            forces @ (nothing if grip is None else grip.jacobian.numpy())
+            for forces, grip in zip(pokes.forces, grips, strict=True)
         ]
     )
 
 
 def compare_scales(
-    held: OperatingPoint,
-    pokes: KnownForces,
-    grips: list[GraspPoint | None],
-    field: np.ndarray,
-    usable: np.ndarray,
+    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints
 ) -> tuple[float, Float64[np.ndarray, " n"]]:
     """The energy scale by the reference poke, and those by the other pokes at its level.
-
-    Args:
-        held, pokes: the operating point, and the known forces.
-        grips, field, usable: grasps, motion of the points, and which are grasped.
 
     Raises:
         NoScaleError: nothing can be grasped, or the law answers in the wrong direction.
     """
-    level = pokes.reference
-    loads = list_loads(pokes, grips, held.law.d)[:, level]
+    level, usable = pokes.reference, grasps.usable
+    loads = list_loads(pokes, grasps)[:, level]
     known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
     order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
     kept = np.unique(np.linspace(0, len(order) - 1, OTHERS).round().astype(int)).tolist()
     found = []
     for i in (order[j] for j in kept if order):
         try:
-            found.append(fit_energy_scale(held, loads[i], field[usable], pokes.ways[i, level][usable]))
+            found.append(fit_energy_scale(held, loads[i], grasps.field[usable], pokes.ways[i, level][usable]))
         except NoScaleError:
             if not found:
                 raise
@@ -136,23 +136,16 @@ def compare_scales(
 def compute_errors(
     held: OperatingPoint,
     pokes: KnownForces,
-    grips: list[GraspPoint | None],
-    field: np.ndarray,
-    usable: Bool[np.ndarray, " P"],
+    grasps: GraspedPoints,
     scale: float,
     read: Read,
 ) -> Errors:
-    """Every error of every poke; NaN where there is no true answer or no grasp.
-
-    Args:
-        held, pokes, grips, field, usable: as `compare_scales`.
-        scale, read: the energy scale, and places of the points at whitened states.
-    """
-    loads = scale * list_loads(pokes, grips, held.law.d)
+    """Every error of every poke for an energy ``scale``; NaN where there is no true answer or no grasp."""
+    loads, usable = scale * list_loads(pokes, grasps), grasps.usable
     known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
     states = np.full((*known.shape, held.law.d), np.nan)
     states[known] = held.equilibria(torch.from_numpy(loads[known])).numpy()
-    carried = np.einsum("pcd,nld->nlpc", field, states - held.rest.numpy())
+    carried = np.einsum("pcd,nld->nlpc", grasps.field, states - held.rest.numpy())
     flat = states.reshape(-1, held.law.d)
     pictured = (read(flat) - read(held.rest.numpy()[None])).reshape(pokes.ways.shape)
     errors: Errors = {}

@@ -3,22 +3,20 @@
 The forces in space act on one grasp: one cannot move it, the other does.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.evaluate.forces.accuracy import (
-    Read,
+    GraspedPoints,
     are_alike,
     choose_grasps,
     compare_answers,
     list_loads,
-    select_matter,
 )
 from lagsplat.evaluate.forces.invariants import force_invariants
 from lagsplat.evaluate.forces.known_forces import KnownForces, measure_energy_spans, simulate_known_forces
@@ -71,76 +69,40 @@ def compare_forces_with_truth(
 ) -> dict[str, Any]:
     """Static answers, answers in time and first motions, against those of the true equations.
 
-    Args:
-        held, config: the operating point, and sizes and numbers of the forces.
-        system, truth: the simulated system, and its true states.
+    True coordinates are read from latents by a map that is fitted to the training frames.
     """
+    smooth, rest = held.chart.train.smoothed(held.chart.smoothing_frames).latents, held.rest.numpy()
+    to_states = fit_polynomial(smooth, truth.states[: len(smooth)])
+    shifts = STEP * np.eye(len(rest))
+    slope = ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
     radius = config.brush * held.kinematics.width
     pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
-    grips = choose_grasps(held, pokes.places, radius=radius)
-    usable, field = select_matter(grips, held.law.d)
-    found = compare_answers(held, pokes, radius=radius, read=make_state_reader(held, system, truth.states))
-    found["in_time"] = respond_in_time(
-        held,
-        system,
-        pokes,
-        grips,
-        field,
-        usable,
-        scale=found["brush"]["scale"],
-        length_s=config.periods / float(truth.natural_frequencies_hz[0]),
-    )
-    found["energy_spans"] = measure_energy_spans(held, system, state_slope(held, truth.states))
-    found["at_once"] = respond_at_once(held, system, pokes, grips, field, usable) if held.law.d > 1 else None
-    return found
-
-
-def make_state_reader(held: OperatingPoint, system: Pushable, states: Float64[np.ndarray, "T n"]) -> Read:
-    """A function that reads places of material points from latents, by a map fitted to training frames."""
-    to_states = fit_state_map(held, states)
-
-    def read(q: Float64[np.ndarray, "n d"]) -> Float64[np.ndarray, "n P 2"]:
-        return system.pixels(to_states(q))
-
-    return read
-
-
-def state_slope(held: OperatingPoint, states: Float64[np.ndarray, "T n"]) -> Float64[np.ndarray, "n d"]:
-    """Derivatives of the true coordinates by the latents at rest, through the same map."""
-    to_states, rest = fit_state_map(held, states), held.rest.numpy()
-    shifts = STEP * np.eye(len(rest))
-    return ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
-
-
-def fit_state_map(
-    held: OperatingPoint, states: Float64[np.ndarray, "T n"]
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Fit a map from latents to true coordinates to the training frames."""
-    smooth = held.chart.train.smoothed(held.chart.smoothing_frames).latents
-    return fit_polynomial(smooth, states[: len(smooth)])
+    grasps = choose_grasps(held, pokes.places, radius=radius)
+    answers = compare_answers(held, pokes, radius=radius, read=lambda q: system.pixels(to_states(q)))
+    scale, length_s = answers["brush"]["scale"], config.periods / float(truth.natural_frequencies_hz[0])
+    return answers | {
+        "in_time": respond_in_time(held, system, pokes, grasps, scale=scale, length_s=length_s),
+        "energy_spans": measure_energy_spans(held, system, slope),
+        "at_once": respond_at_once(held, system, pokes, grasps) if held.law.d > 1 else None,
+    }
 
 
 TRIALS = 12  # points whose answer in time is computed: each takes an integration of the truth
 FLOOR = 1e-9
 
 
-def easiest_direction(pokes: KnownForces, grips: list[GraspPoint | None], level: int) -> list[int]:
+def easiest_direction(pokes: KnownForces, grasps: GraspedPoints, level: int) -> list[int]:
     """The poke of least force at every point that can be grasped and has a true answer."""
-    usable = np.isfinite(pokes.distance[:, level]) & np.array([grips[p] is not None for p in pokes.point])
-    found = []
-    for p in np.unique(pokes.point[usable]):
-        own = np.flatnonzero(usable & (pokes.point == p))
-        found.append(int(own[pokes.size[own, level].argmin()]))
-    return found
+    usable = np.isfinite(pokes.distance[:, level]) & grasps.usable[pokes.point]
+    at_points = [np.flatnonzero(usable & (pokes.point == p)) for p in np.unique(pokes.point[usable])]
+    return [int(candidates[pokes.size[candidates, level].argmin()]) for candidates in at_points]
 
 
 def respond_in_time(
     held: OperatingPoint,
     system: Pushable,
     pokes: KnownForces,
-    grips: list[GraspPoint | None],
-    field: Float64[np.ndarray, "P 2 d"],
-    usable: Bool[np.ndarray, " P"],
+    grasps: GraspedPoints,
     *,
     scale: float,
     length_s: float,
@@ -152,12 +114,11 @@ def respond_in_time(
 
     Args:
         held, system: the operating point, and the simulated system.
-        pokes: known forces and their true answers.
-        grips, field, usable: the grasp of each point, its motion, and whether it has one.
+        pokes, grasps: known forces with their true answers, and the grasp of each material point.
         scale, length_s: the energy scale, and the duration [s].
     """
     level, dt_s = pokes.reference, held.chart.dt_s
-    chosen = easiest_direction(pokes, grips, level)
+    chosen = easiest_direction(pokes, grasps, level)
     chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, TRIALS).round().astype(int))]
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
     true = np.stack(
@@ -166,7 +127,7 @@ def respond_in_time(
             for i in chosen
         ]
     )
-    loads = torch.from_numpy(scale * list_loads(pokes, grips, held.law.d)[chosen, level])
+    loads = torch.from_numpy(scale * list_loads(pokes, grasps)[chosen, level])
     rows, steps = len(chosen), len(time_s)
     q, _ = rollout_under_force(
         held.law,
@@ -176,8 +137,8 @@ def respond_in_time(
         loads[:, None].expand(-1, steps, -1),
         dt_s=dt_s,
     )
-    ways = np.einsum("pcd,btd->btpc", field, q.numpy() - held.rest.numpy())[:, :, usable]
-    true = true[:, :, usable]
+    ways = np.einsum("pcd,btd->btpc", grasps.field, q.numpy() - held.rest.numpy())[:, :, grasps.usable]
+    true = true[:, :, grasps.usable]
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
     cosine, _ = are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
@@ -189,12 +150,7 @@ def respond_in_time(
 
 
 def respond_at_once(
-    held: OperatingPoint,
-    system: Pushable,
-    pokes: KnownForces,
-    grips: list[GraspPoint | None],
-    field: Float64[np.ndarray, "P 2 d"],
-    usable: Bool[np.ndarray, " P"],
+    held: OperatingPoint, system: Pushable, pokes: KnownForces, grasps: GraspedPoints
 ) -> dict[str, float]:
     """Shape error of the first motion, ``M^-1 J^T f``, with three masses; medians over the points.
 
@@ -202,13 +158,10 @@ def respond_at_once(
     one that the true masses of the bodies induce, each spread evenly over its body's material points. With
     one coordinate the mass is a factor and the three agree.
 
-    Args:
-        held, system, pokes, grips, field, usable: as `respond_in_time`.
-
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
-    rest, level = held.rest[None], pokes.reference
-    chosen = easiest_direction(pokes, grips, level)
+    rest, level, field, usable = held.rest[None], pokes.reference, grasps.field, grasps.usable
+    chosen = easiest_direction(pokes, grasps, level)
     induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
     by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
     with torch.no_grad():
@@ -220,7 +173,7 @@ def respond_at_once(
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
-    loads = list_loads(pokes, grips, held.law.d)[chosen, level]
+    loads = list_loads(pokes, grasps)[chosen, level]
     found = {}
     for name, mass in masses.items():
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)

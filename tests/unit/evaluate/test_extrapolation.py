@@ -31,7 +31,6 @@ from lagsplat.evaluate.extrapolation.oscillation import (
     read_states,
     summarize_reading,
 )
-from lagsplat.evaluate.forces.known_forces import energy_along_rollout
 from lagsplat.evaluate.forecast import choose_boundary_clip
 from tests.unit.baselines.keypoints import problems as key_points
 from tests.unit.evaluate import swing
@@ -172,9 +171,7 @@ def test_a_model_that_is_never_in_range_gets_no_physics(scene) -> None:
 
     fitted = pictures(np.arange(crossing.n_train))
     predictor = ImagePredictor(known, config, crossing, fitted, noise, between_frames=False)
-    found = score_extrapolation(
-        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
-    )
+    found = score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
     assert found["left"] is None
     assert found["physics"]["frequency_error"] is None
     assert "of the kind the encoder knows" in found["reason"]
@@ -191,9 +188,7 @@ def test_pictures_of_the_truth_are_as_good_as_the_film(scene) -> None:
 
     fitted = pictures(np.arange(crossing.n_train))
     predictor = ImagePredictor(known, config, crossing, fitted, truth, between_frames=False)
-    found = score_extrapolation(
-        predictor, crossing, known, pictures, config, energy_along_rollout(lagrangian)
-    )
+    found = score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
     assert found["psnr"]["mean"] > 45
     assert abs(found["physics"]["rate_error"]) < 0.02
     assert abs(found["held_out"]["frequency_error"]) < 0.02
@@ -261,7 +256,7 @@ def test_a_law_that_blows_up_is_measured_and_not_dropped(scene) -> None:
             return q0[:, None] * np.exp(8.0 * np.arange(states))[None, :, None]
 
     predictor = make_law_predictor(runaway, known, make_renderer(autoencoder, chart), crossing, config)
-    found = score_extrapolation(predictor, crossing, known, pictures, config, energy_along_rollout(scene[3]))
+    found = score_extrapolation(predictor, crossing, known, pictures, config, scene[3])
     assert found["left"] is None
     assert found["psnr"]["mean"] < found["floor"]["mean"]
     assert len(roll_out_free_motion(scene[3], swing.DT_S)(np.zeros((1, 1)), np.ones((1, 1)), 5)[0]) == 5

@@ -7,15 +7,11 @@ import pytest
 import torch
 
 from lagsplat.config.compose import compose
-from lagsplat.evaluate.forces.accuracy import are_alike, choose_grasps, compare_answers, select_matter
+from lagsplat.evaluate.forces.accuracy import are_alike, choose_grasps, compare_answers
 from lagsplat.evaluate.forces.invariants import centre_of_rotation, force_invariants
 from lagsplat.evaluate.forces.known_forces import KnownForces, measure_energy_spans, simulate_known_forces
-from lagsplat.evaluate.forces.motion import (
-    easiest_direction,
-    make_state_reader,
-    respond_at_once,
-    respond_in_time,
-)
+from lagsplat.evaluate.forces.motion import easiest_direction, respond_at_once, respond_in_time
+from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
 from lagsplat.forces.grasp import grasp_brush
 from lagsplat.systems.pushable import Pushable
@@ -115,10 +111,9 @@ def test_the_motion_in_time_is_that_of_the_system() -> None:
     held = rocking()
     system = twin(held)
     pokes = poked(held, system)
-    grips = choose_grasps(held, pokes.places, radius=0.96)
-    usable, field = select_matter(grips, 1)
+    grasps = choose_grasps(held, pokes.places, radius=0.96)
     right, wrong = (
-        respond_in_time(held, system, pokes, grips, field, usable, scale=scale, length_s=0.5)
+        respond_in_time(held, system, pokes, grasps, scale=scale, length_s=0.5)
         for scale in (JOULE, 2 * JOULE)
     )
     assert right["error"] < 0.02
@@ -131,13 +126,12 @@ def test_the_first_motion_tells_a_wrong_mass() -> None:
     system = twin(held)
     pokes = poked(held, system)
     pokes = replace(pokes, direction=np.full_like(pokes.direction, np.sqrt(0.5)))  # on both coordinates
-    grips = choose_grasps(held, pokes.places, radius=0.96)
-    usable, field = select_matter(grips, 2)
-    found = respond_at_once(held, system, pokes, grips, field, usable)
+    grasps = choose_grasps(held, pokes.places, radius=0.96)
+    found = respond_at_once(held, system, pokes, grasps)
     assert found["learned"] < 1e-6
     assert min(found["uniform"], found["true"]) > 1e-3, "points of equal mass are not the law's mass here"
     assert pokes.reference == 1
-    assert len(easiest_direction(pokes, grips, 1)) == len(np.unique(pokes.point))
+    assert len(easiest_direction(pokes, grasps, 1)) == len(np.unique(pokes.point))
 
 
 def test_energies_are_spanned_by_what_no_common_factor_explains() -> None:
@@ -156,12 +150,11 @@ def test_energies_are_spanned_by_what_no_common_factor_explains() -> None:
 
 def test_points_outside_the_picture_are_missed() -> None:
     held = rocking()
-    grips = choose_grasps(held, np.array([[16.0, 12.0], [-3.0, 12.0]]), radius=1.0)
-    assert grips[0] is not None
-    assert grips[1] is None
-    usable, field = select_matter(grips, 1)
-    assert usable.tolist() == [True, False]
-    assert not field[1].any()
+    grasps = choose_grasps(held, np.array([[16.0, 12.0], [-3.0, 12.0]]), radius=1.0)
+    assert grasps.grips[0] is not None
+    assert grasps.grips[1] is None
+    assert grasps.usable.tolist() == [True, False]
+    assert not grasps.field[1].any()
 
 
 def test_likeness_is_one_for_the_same_way_however_long() -> None:
@@ -200,6 +193,6 @@ def test_places_are_read_off_latents() -> None:
     system = twin(held)
     states = np.concatenate([held.chart.latents, held.chart.latents])
 
-    read = make_state_reader(held, system, states)
+    to_states = fit_polynomial(held.chart.train.smoothed(1.0).latents, states[: held.chart.n_train])
     q = held.chart.train.smoothed(1.0).latents[5:9]
-    assert read(q) == pytest.approx(system.pixels(held.chart.latents[5:9]), abs=0.1)
+    assert system.pixels(to_states(q)) == pytest.approx(system.pixels(held.chart.latents[5:9]), abs=0.1)
