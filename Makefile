@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss physical view test docs
+.PHONY: krauss physical view test lint types workflow docs
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -29,15 +29,22 @@ view: .venv/.installed
 docs: .venv/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# The checks that read the code side by side, then the tests: a browser that draws in software takes all cores.
 test: .venv/.installed
+	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync lint types workflow docs
+	@$(BIN)/python -m pytest tests/browser
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --ignore=tests/browser
+
+lint: .venv/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: .venv/.installed
 	$(BIN)/mypy
+
+workflow: .venv/.installed
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
-	@$(BIN)/python -m pytest tests/browser  # alone: a browser that draws in software takes all cores
-	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --ignore=tests/browser
 
 # torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
 .venv/.installed: pyproject.toml

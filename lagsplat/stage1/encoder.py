@@ -129,9 +129,9 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
     n_axes = min(d, distinct - 1)
     coordinates = np.zeros((len(pixels), d))
     if n_axes > 0:
-        # The dense solver, because the iterative solver starts from a random vector.
-        from sklearn.manifold import Isomap  # slow to import, and only a training from nothing needs it
+        from sklearn.manifold import Isomap  # a second to import, which only this needs
 
+        # The dense solver, because the iterative solver starts from a random vector.
         isomap = Isomap(
             n_neighbors=min(NEIGHBORS, len(pixels) - 1), n_components=n_axes, eigen_solver="dense"
         )

@@ -170,9 +170,9 @@ class KeyPoints(nn.Module):
     @torch.no_grad()
     def gather(self, place: Float[Tensor, "N 2"], feature: Float[Tensor, "N f"], *, seed: int) -> None:
         """Initialise the points by k-means on place and feature of the Gaussians."""
-        joint = torch.cat((place, feature), 1).double().numpy()
-        from sklearn.cluster import KMeans  # slow to import, and only the start of a training needs it
+        from sklearn.cluster import KMeans  # a second to import, which only this needs
 
+        joint = torch.cat((place, feature), 1).double().numpy()
         clusters = KMeans(len(self.place), n_init=1, random_state=seed).fit(joint)
         centres = torch.as_tensor(clusters.cluster_centers_).to(self.place)
         self.place.copy_(centres[:, :2])

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float64
-from sklearn.cluster import KMeans
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import IMAGE_RENDERING
@@ -93,6 +92,8 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
     if not len(kept):
         raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
     features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
+    from sklearn.cluster import KMeans  # a second to import, which only this needs
+
     number = min(IMAGE_RENDERING.max_points, len(features))
     clusters = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
     middle = clusters.cluster_centers_

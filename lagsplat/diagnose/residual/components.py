@@ -14,7 +14,6 @@ from math import factorial
 import numpy as np
 from jaxtyping import Float64
 from scipy.signal import correlate
-from sklearn.kernel_ridge import KernelRidge
 
 from lagsplat.diagnose.core.config import COMPONENTS, RESIDUAL_FEATURES
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_input_rates
@@ -144,6 +143,8 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
 
 def _score_kernel_regression(features: ResidualFeatures, coordinate: int, columns: np.ndarray) -> float:
     """Share of the residual's square that a kernel regression predicts on left-out folds."""
+    from sklearn.kernel_ridge import KernelRidge  # a second to import, which only this needs
+
     picked = slice(None, None, max(1, int(np.ceil(len(columns) / COMPONENTS.max_samples))))
     x, y = columns[picked], features.target[picked, coordinate]
     spread = np.std(x, axis=0)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from sklearn.covariance import MinCovDet
 
 from lagsplat.diagnose.core.config import ERROR_BUDGET
 from lagsplat.diagnose.mechanics.model import Mechanics
@@ -57,6 +56,8 @@ def assess_perception(
     Raises:
         ValueError: a nominal error of zero on average, against which nothing has a ratio.
     """
+    from sklearn.covariance import MinCovDet  # a second to import, which only this needs
+
     if not np.mean(error_nominal) > 0.0:
         raise ValueError("the nominal images are decoded without any error; give errors of held-out images")
     ratio = float(np.mean(error_real) / np.mean(error_nominal))
