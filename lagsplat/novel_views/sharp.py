@@ -60,11 +60,6 @@ def make_sharp_views(
     moving pixels of the first frame. The depths of each other frame, an independent estimate, are scaled to
     agree with the first on still pixels.
 
-    Args:
-        recording: The frames.
-        sharp, arrangement: Settings of the tool and of the cameras.
-        folder: Folder of the cache.
-
     Raises:
         ValueError: SHARP is not configured or missing, it used another focal length, or the cache has other
             cameras or settings.

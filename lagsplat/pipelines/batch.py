@@ -48,14 +48,7 @@ def list_batch(folder: Path, number: int, size: int) -> list[Path]:
 
 
 def read_batch_items(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[BatchItem]:
-    """Read batch ``number`` (from 0) of a list with one ``{"id": ..., "without": [...]}`` a line.
-
-    Args:
-        listed: the list.
-        folders: folders that hold one folder a recording, named by its id.
-        number: number of the batch.
-        size: recordings in a batch.
-    """
+    """Read batch ``number`` (from 0) of a list with one ``{"id": ..., "without": [...]}`` a line."""
     places = {place.name: place for folder in folders for place in folder.iterdir()}
     lines = listed.read_text(encoding="utf-8").splitlines()[number * size : (number + 1) * size]
     runs = [json.loads(line) for line in lines]

@@ -288,15 +288,7 @@ def require_writable(out: Path) -> None:
 def write_mujoco_patch(
     sim: str, out: Path, added: AugmentedSimulator, diagnosis: Diagnosis, config: DiagnoseConfig
 ) -> Diagnosis:
-    """Write a MuJoCo sim's file with the effects that MuJoCo can express; ``checks`` lists them.
-
-    Args:
-        sim: the argument that names the sim; nothing is written unless it is a MuJoCo file.
-        out: the file to write.
-        added: the sim with its effects.
-        diagnosis: the diagnosis, returned with the list.
-        config: settings that name joints and actuators.
-    """
+    """Write a MuJoCo sim's file with the effects that MuJoCo can express; ``checks`` lists them."""
     if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not added.effects:
         return diagnosis
     from lagsplat.diagnose.augmented.mujoco_export import patch_augmented

@@ -70,11 +70,6 @@ def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> Gau
 
     Differentiable in all but the order. Colours, of any number of channels, are sorted along.
 
-    Args:
-        scene: Gaussians of space.
-        view: One camera per image, or one for all.
-        height, width: Size of the images [px].
-
     Raises:
         ValueError: the Gaussians are planar already, or the numbers of cameras and images differ.
     """

@@ -148,13 +148,7 @@ def decode_chunks(
     height: int | None = None,
     width: int | None = None,
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
-    """Draw raw latents in chunks of bounded size.
-
-    Args:
-        autoencoder: The model.
-        z: Raw latents (T, d).
-        height, width: Size of the images [px]; None takes the training resolution.
-    """
+    """Draw raw latents in chunks of bounded size."""
     device = next(autoencoder.parameters()).device
     for first in range(0, len(z), CHUNK):
         chunk = torch.as_tensor(z[first : first + CHUNK], dtype=torch.float32, device=device)

@@ -49,12 +49,6 @@ def densify_and_prune(
 ) -> int:
     """Recycle every Gaussian that stays invisible over a sample of the clip; return their number.
 
-    Args:
-        autoencoder, optimizer: Modified in place.
-        footage: Frames to sample.
-        config: Threshold and share of splits.
-        rng: Source of the samples.
-
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
     covariance, or teleport to a high-error region.
     """
@@ -81,11 +75,6 @@ def largest_gradient(
     gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
 ) -> Tensor:
     """The visible Gaussians with the largest mean square gradient of the centre, which Adam keeps.
-
-    Args:
-        gaussians, optimizer: Gaussians and their optimiser.
-        alive: Which are visible.
-        count: How many to return.
 
     Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
     """
@@ -139,12 +128,6 @@ def teleport_gaussians(
     """Move each Gaussian to a pixel of a frame, drawn in proportion to the error there, and to its latent.
 
     In space the frames include novel views, and the Gaussian goes to the rendered depth of the pixel.
-
-    Args:
-        autoencoder: Modified in place.
-        footage: Frames with the errors.
-        slots: Indices of the Gaussians to move.
-        rng: Source of the draws.
     """
     gaussians = autoencoder.gaussians
     picked = np.sort(rng.choice(len(footage), min(ERROR_SAMPLE, len(footage)), replace=False))

@@ -86,15 +86,7 @@ def place_gaussians(
     config: InitConfig,
     rng: np.random.Generator,
 ) -> None:
-    """Scatter the Gaussians over an image and over the latents, in place.
-
-    Args:
-        gaussians: To be placed.
-        reference: Image (H, W, 3) in [0, 1].
-        latents: (T, d).
-        config: Initial sizes and opacity.
-        rng: Source of the draws.
-    """
+    """Scatter the Gaussians over an image and over the latents, in place."""
     pixels, colors = scatter_latents(reference, gaussians.n, rng)
     spread = np.maximum(latents.std(0), 1e-3)
     sigma = max(float(spread.max()), 0.25) * config.latent_sigma

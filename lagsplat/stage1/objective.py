@@ -103,13 +103,7 @@ def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.
 
 
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
-    """Set each group's rate: linear warm-up, then a half cosine from the peak to its final fraction.
-
-    Args:
-        optimizer: Modified in place.
-        config: Rates and schedule.
-        step, steps: Index of the step, and number of steps.
-    """
+    """Set each group's rate: linear warm-up, then a half cosine from the peak to its final fraction."""
     for group in optimizer.param_groups:
         group["lr"] = group["peak"] * rate_factor(config, step=step, steps=steps)
 

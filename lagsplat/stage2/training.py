@@ -209,15 +209,7 @@ def start_fit(
     seed: int,
     on_candidate: Callable[[CurveRow], None],
 ) -> FitState:
-    """Prepare a fit: unit of time, metric and validation task.
-
-    Args:
-        trajectory: smoothed training trajectory.
-        metric: visibility metric without ridge.
-        config: settings of the fit.
-        seed: seed of the batches.
-        on_candidate: called with every scored candidate.
-    """
+    """Prepare a fit: unit of time, metric and validation task."""
     unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
     period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
     bare = torch.from_numpy(metric)

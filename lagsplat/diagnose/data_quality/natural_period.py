@@ -157,12 +157,6 @@ def _select_modes(
 ) -> tuple[Float64[np.ndarray, " m"], float]:
     """Periods of the modes of ``a = -K q`` that carry enough of the motion, slowest first.
 
-    Args:
-        stiffness: K (d, d).
-        spread: covariance of the fit's coefficients, over the error's variance.
-        variance: of the error of each coordinate.
-        clips: the motion.
-
     Returns:
         The periods [s] and the relative standard error of the first mode's stiffness.
     """

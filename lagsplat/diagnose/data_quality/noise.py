@@ -87,12 +87,6 @@ def fit_local_cubic(
     """Value, slope and curvature (N, d) of the cubic fitted to the samples around each one.
 
     The fit spans ``width_s`` or nine samples, whichever is more, and is one-sided where a clip ends.
-
-    Args:
-        time_s: times of all samples [s].
-        q: coordinates.
-        clips: first sample and end of each clip.
-        width_s: width of the window [s].
     """
     smooth, slope, bend = np.empty_like(q), np.empty_like(q), np.empty_like(q)
     for start, stop in clips:
@@ -136,12 +130,6 @@ def estimate_noise_level(
     It is that of the residual of a local cubic, corrected for what the fit takes of white noise
     (Savitzky-Golay centre weight ``(3/4)(3 m^2 - 7) / (m (m^2 - 4))`` of ``m`` samples); NaN where no clip
     has nine samples.
-
-    Args:
-        time_s: times of all samples [s].
-        q: coordinates.
-        clips: first sample and end of each clip.
-        width_s: width of the window [s].
     """
     residuals = []
     for start, stop in clips:

@@ -96,14 +96,7 @@ def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
 def check_length(
     motions: Sequence[Trajectory], *, period_s: float | None, noise: MeasurementNoise, side: str
 ) -> list[Finding]:
-    """Check that there is motion, and enough of it to fit on one half and to test on the other.
-
-    Args:
-        motions: the motions of one side.
-        period_s: the natural period [s], None where nothing swings.
-        noise: of the measurement.
-        side: "sim" or "real", for the findings.
-    """
+    """Check that there is motion, and enough of it to fit on one half and to test on the other."""
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
     sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     size = np.sqrt((q**2).mean(axis=0))

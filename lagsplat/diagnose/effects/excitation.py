@@ -36,14 +36,7 @@ def assess_excitation(
     noise: MeasurementNoise,
     closed_loop: Sequence[str] = (),
 ) -> tuple[Excitation, ...]:
-    """Grade a recording for every effect of the catalogue, effects of inputs last.
-
-    Args:
-        trajectories: The clips of the recording.
-        period_s: Natural period of the mechanism [s].
-        noise: Noise of the coordinates.
-        closed_loop: Names of inputs that respond to the motion.
-    """
+    """Grade a recording for every effect of the catalogue, effects of inputs last."""
     measures = measure_excitation(trajectories, period_s=period_s, noise=noise)
     effects = list_effects()
     of_inputs = [effect for effect in effects if isinstance(effect, InputEffect)]

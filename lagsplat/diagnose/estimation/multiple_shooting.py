@@ -106,16 +106,7 @@ def differentiate_leading_parameters(
     step: np.ndarray,
     n: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residual (W, L, d), and derivatives (W, M, n) by the first parameters alone.
-
-    Args:
-        predict: rollouts of many sets of parameters.
-        x: parameters (k,).
-        starts: initial states (W, s).
-        data: samples and weights.
-        step: steps of finite differences (k,).
-        n: number of parameters to differentiate by.
-    """
+    """Weighted residual (W, L, d), and derivatives (W, M, n) by the first parameters alone."""
     if n == 0:
         residual = (data.y - predict(x[None], starts[None])[0]) * data.weight
         return residual, np.zeros((len(starts), residual[0].size, 0))

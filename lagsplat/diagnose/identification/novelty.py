@@ -69,10 +69,6 @@ def drop_outlier_windows(
 ) -> tuple[IdentifiedModel, WindowSet]:
     """Identify a model again without its worst windows, and keep it if the rest then fits far better.
 
-    Args:
-        identified: the model that was identified from all windows.
-        identify: identifies a model from other windows.
-
     Returns:
         ``identified`` or the model without the outliers, and the windows that were left out.
     """

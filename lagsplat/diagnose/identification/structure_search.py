@@ -187,14 +187,7 @@ def predict_gains(
     larger: list[ModelStructure],
     fit: ShootingFit,
 ) -> list[PredictedGain]:
-    """Predict the gain of each larger structure, from a single linearisation for all.
-
-    Args:
-        problem: the recordings.
-        model: the present model.
-        larger: structures that contain its own.
-        fit: its fit, where it is linearised.
-    """
+    """Predict the gain of each larger structure, from a single linearisation for all."""
     union = ModelStructure(
         mass=max(f.mass for f in larger),
         damping=max(f.damping for f in larger),
@@ -242,12 +235,6 @@ def fit_first_model(
     With many coordinates some oscillate much faster than others, so that no single test function suits all,
     and have so little inertia that a ridge would outweigh it: models by several test functions and ridges
     are then compared by their misfit.
-
-    Args:
-        problem: the recordings.
-        basis: functions of the fields.
-        structure: sizes of the fields.
-        width: speed (d,) below which dry friction is linear.
     """
     dataset, rest = problem.dataset, np.median(problem.dataset.q, axis=0)
 
@@ -286,14 +273,7 @@ class StructureFit:
 def search_structure(
     problem: IdentificationProblem, basis: Basis, *, driven: bool, width: np.ndarray
 ) -> StructureFit:
-    """Grow a linear model by the step with the best predicted criterion, as long as the criterion falls.
-
-    Args:
-        problem: the recordings.
-        basis: functions that the fields may use.
-        driven: whether there are inputs.
-        width: speed (d,) below which dry friction is linear.
-    """
+    """Grow a linear model by the step with the best predicted criterion, as long as the criterion falls."""
 
     def criterion(misfit: float, n: int) -> float:
         # a misfit below half the noise's variance is overfitting and gains nothing
@@ -411,10 +391,6 @@ def decouple_inertia(
     """The equivalent model with the least inertia between coordinates, and what is then still uncertain.
 
     An inertia that depends on the coordinates stays as it is, because the motion determines it.
-
-    Args:
-        model: the identified model.
-        freedom: its uncertainty, changes of all coefficients of one standard deviation each.
     """
     if model.d == 1 or len(model.mass) > 1 or not len(freedom):
         return model, freedom

@@ -140,15 +140,7 @@ def build_model(
     names: list[tuple],
     rest: np.ndarray,
 ) -> MechanicalModel:
-    """The model with the coefficients of a regression.
-
-    Args:
-        samples: samples of the motion.
-        structure: sizes of the fields.
-        coefficients: solution of `build_regressors`' equations (K,).
-        names: field and indices of each.
-        rest: equilibrium (d,).
-    """
+    """The model with the coefficients of a regression."""
     d, n_u = samples.q.shape[1], samples.dataset.u.shape[1]
     fields = {
         "mass": np.zeros((structure.mass, d, d)),

@@ -59,11 +59,6 @@ def compute_excess_error(
 ) -> ExcessError:
     """Compute the error of simulated images beyond that of images decoded from the real frames' own latents.
 
-    Args:
-        real: the recorded images.
-        sim: images decoded from the simulator's positions.
-        encoded: images decoded from the recorded images' latents.
-
     Raises:
         ValueError: images of different shapes.
     """
@@ -167,12 +162,6 @@ def _fit_law(
     force: np.ndarray, weight: np.ndarray, jacobian: np.ndarray, columns: np.ndarray
 ) -> tuple[float, Float64[np.ndarray, "T 2"]]:
     """Fit a sum of ``columns``, acting through ``jacobian``, to the generalised forces.
-
-    Args:
-        force: generalised forces (T, d).
-        weight: inverse of their covariance (T, d, d).
-        jacobian: of one point (T, d, 2).
-        columns: force columns of one law (T, 2, k).
 
     Returns:
         The whitened squared error and the fitted force (T, 2).

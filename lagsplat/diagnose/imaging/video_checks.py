@@ -63,14 +63,7 @@ class CameraShift:
 def measure_camera_shift(
     recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
 ) -> CameraShift:
-    """Measure the camera's motion by the background of two recordings.
-
-    Args:
-        recording: the recording to check.
-        nominal: the recording that the simulator was fitted to.
-        autoencoder: of the fitted run; it shows how far a shift changes the latents.
-        chart: of the fitted run.
-    """
+    """Measure the camera's motion by the background of two recordings."""
     within = _measure_within(recording)
     between = _measure_between(recording, nominal)
     far = max(within or 0.0, float(np.hypot(*(between or (0.0, 0.0)))))
@@ -238,12 +231,6 @@ def derive_recording_settings(
     """Derive the settings by which another recording is read like the run's own.
 
     Images are rotated, cropped, resized and stabilised as for the run.
-
-    Args:
-        source: the recording to read.
-        folder: of the fitted run.
-        own: the recording that the run was fitted to.
-        dt_s: spacing of archives without times, unless one was set for the run [s].
 
     Raises:
         ValueError: a log, while the run was not fitted to one.

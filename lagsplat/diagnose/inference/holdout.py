@@ -66,14 +66,7 @@ def cut_blocks(problem: EstimationProblem, held: WindowSet, *, period_s: float) 
 def forecast_blocks(
     problem: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
 ) -> Forecast:
-    """Forecast ``blocks`` with the parameters ``x`` of ``effects`` and of the nuisance model.
-
-    Args:
-        problem: data, sim and noise.
-        blocks: held-out blocks.
-        effects: effects of the hypothesis.
-        x: its fitted parameters.
-    """
+    """Forecast ``blocks`` with the parameters ``x`` of ``effects`` and of the nuisance model."""
     real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
     held_problem = replace(problem, windows=blocks)
 

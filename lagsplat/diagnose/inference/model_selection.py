@@ -70,13 +70,6 @@ def rank_hypotheses(
 
     Two score tests choose what is fitted: one with the nuisance parameters fitted to the gap, one with them
     at zero. The first cannot see an effect that the nuisance parameters imitate.
-
-    Args:
-        problem: data, sim and noise.
-        candidates: effects at their places.
-        budget: how many are fitted.
-        known: effects that are kept, with their fit; None for the sim alone.
-        report_progress: called with the name of each effect before it is fitted.
     """
     n = problem.rollout_model.nuisance.size
     base = known or refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
@@ -257,15 +250,7 @@ def fit_candidate(
     *,
     starts: int,
 ) -> HypothesisFit:
-    """Fit one candidate beside ``effects`` from its best few starting points, and return the best fit.
-
-    Args:
-        problem: data, sim and noise.
-        effects: effects that are kept.
-        base: their fit.
-        lead: the candidate with its starting points.
-        starts: how many of these are used.
-    """
+    """Fit one candidate beside ``effects`` from its best few starting points, and return the best fit."""
     known = sum(len(e.effect.parameters) for e in effects)
     near = (base.slopes[..., known:], base.start_slopes)
     best: ShootingFit | None = None

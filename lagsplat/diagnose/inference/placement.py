@@ -49,15 +49,7 @@ def place_effects(
     u_names: Sequence[str],
     without: Sequence[str],
 ) -> list[PlacedEffect]:
-    """Every effect of the catalogue at every place where something moves.
-
-    Args:
-        rollout_model: the sim beside the data.
-        hints: pushes and spectral lines of each coordinate.
-        q_names: names of the coordinates.
-        u_names: names of the inputs.
-        without: effects that are left out.
-    """
+    """Every effect of the catalogue at every place where something moves."""
     problem = make_placement_problem(rollout_model, hints, q_names=q_names, u_names=u_names)
     effects = (effect for effect in catalogue().values() if effect.name not in without)
     placed = [place for effect in effects for place in effect.find_places(problem)]

@@ -315,11 +315,6 @@ def compute_log_evidence(
 ) -> float:
     """Laplace's approximation of the log evidence [nat].
 
-    Args:
-        hypothesis: the effects with their fit.
-        rollout_model: the sim beside the data, with the prior of the nuisance parameters.
-        noise_inflation: factor on the variance of the noise.
-
     Source: MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28.
     """
     prior, fit = make_joint_prior(hypothesis.effects, rollout_model), hypothesis.fit

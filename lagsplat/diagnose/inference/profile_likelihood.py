@@ -26,12 +26,6 @@ def estimate_parameters(
 ) -> dict[str, Parameter]:
     """The parameters of one effect of a hypothesis in physical units, with 90 % intervals.
 
-    Args:
-        problem: data, sim and noise.
-        hypothesis: the fit.
-        placed: the effect.
-        noise_inflation: factor on the noise variance.
-
     Returns:
         The parameters by the keys that ``diagnosis.json`` uses.
     """

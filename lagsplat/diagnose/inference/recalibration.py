@@ -57,13 +57,6 @@ def calibrate_null_evidence(
     proportion. Where the sim has a novelty detector, the windows of the reference that are most similar to
     the real ones are used, each as often as it is the nearest.
 
-    Args:
-        sim: the simulator.
-        reference: reference trajectory of the very mechanism that the sim models.
-        real: real trajectories.
-        config: settings of the diagnosis.
-        report_progress: called with the name of each effect before it is fitted.
-
     Returns:
         The offset of every log evidence [nat]; 0 where no effect gains.
 
@@ -98,12 +91,6 @@ def match_windows(
     """The estimation problem on windows of the reference, the most similar one for each real window.
 
     The errors of a law depend on the state, so the reference must visit the states of the real trajectories.
-
-    Args:
-        sim: the simulator; it needs a novelty detector.
-        reference: reference trajectory.
-        real: real trajectories.
-        config: settings of the diagnosis.
     """
     assert sim.novelty_detector is not None
     real_problem, ready, _ = build_problem(sim, real, config)

@@ -61,15 +61,6 @@ def check_robustness(
     """Repeat the verdict with half and twice the noise, undistorted coordinates, and added noise (twice).
 
     Only the leading effects are fitted again, and the implausibility of the explanation is kept.
-
-    Args:
-        problem: data, sim and noise.
-        ranking: fits of the single effects.
-        chain: the best single effect, pair and triple.
-        judgement: the verdict that is repeated.
-        candidates: effects at their places.
-        budget: nominal misfit and effective sample ratio.
-        config: settings of the diagnosis.
     """
     leading = _leading_fits(ranking, judgement)
     doubted = Implausibility(judgement.probabilities["unknown"] if judgement.implausibility else 0.0, "loose")

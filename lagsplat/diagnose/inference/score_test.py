@@ -34,12 +34,6 @@ def score_test(
 ) -> list[ScoreTestResult]:
     """The misfit that each candidate would remove beside ``effects``, to first order; the largest first.
 
-    Args:
-        problem: data, sim and noise.
-        effects: effects that are kept.
-        fit: their fit.
-        candidates: effects at their places.
-
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
     prior = problem.prior(effects)

@@ -227,13 +227,7 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
 def _fit_smallest(
     fit: Callable[[int], np.ndarray], error: Callable[[np.ndarray], float], sizes: list[int]
 ) -> np.ndarray:
-    """The coefficients with the fewest functions whose error is a tenth of the tolerance, or the best.
-
-    Args:
-        fit: from a number of functions to coefficients.
-        error: relative error of the acceleration by these.
-        sizes: numbers of functions to try, rising.
-    """
+    """The coefficients with the fewest functions whose error is a tenth of the tolerance, or the best."""
     best, lowest = np.zeros(0), np.inf
     for size in sizes:
         candidate = fit(size)

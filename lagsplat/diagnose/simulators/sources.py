@@ -79,12 +79,6 @@ def read_sources(
 ) -> tuple[Trajectory, ...]:
     """Read trajectories, and encode videos into trajectories.
 
-    Args:
-        sources: trajectories and videos.
-        columns: names of a table's columns, where they are not the usual ones.
-        open_recording: opens a video.
-        encode: turns its frames into latents.
-
     Raises:
         ValueError: a source is a model, a video is given without ``open_recording`` and ``encode``, or a file
         is unreadable.

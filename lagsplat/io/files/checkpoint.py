@@ -28,14 +28,7 @@ def save_training_state(
     *,
     identity: str,
 ) -> None:
-    """Write the state of a training run at the last point of its curve.
-
-    Args:
-        path: The checkpoint.
-        model, optimizer: Modules whose state is written.
-        curve: Training curve so far.
-        identity: Digest of what determines the result.
-    """
+    """Write the state of a training run at the last point of its curve."""
     state = {
         "model": model.state_dict(),
         "optimizer": optimizer.state_dict(),
@@ -53,12 +46,6 @@ def load_training_state(
     identity: str,
 ) -> tuple[int, list[P]]:
     """Restore the state from :func:`save_training_state` if there is one.
-
-    Args:
-        path: The checkpoint; None is none.
-        model, optimizer: Modules to restore.
-        point: Builds a row of the training curve.
-        identity: Digest that the checkpoint must match.
 
     Returns the number of steps done and the curve so far.
     """

@@ -68,13 +68,6 @@ def build_row(
     Ratios and errors are plain numbers (a frequency error of 0.05 is five per cent); a score without spread
     has no ``_low`` and ``_high``.
 
-    Args:
-        aggregated: the scores.
-        robot: name of the system.
-        method: name of the model.
-        recording: kind of recording, such as ``simulated`` or ``filmed``.
-        profile: name of the profile.
-
     Raises:
         ValueError: the recording's own origin is another one than ``recording`` says.
     """

@@ -221,14 +221,7 @@ def _describe_place(diagnosis: Diagnosis) -> str:
 def _describe_cause(
     diagnosis: Diagnosis, chosen: list[Candidate], equivalent: list[str], probability: float
 ) -> str:
-    """Describe the cause.
-
-    Args:
-        diagnosis: the whole diagnosis.
-        chosen: the effects of the combination.
-        equivalent: names of the first effect and of those this recording cannot distinguish from it.
-        probability: of all equivalent effects together.
-    """
+    """Describe the cause."""
     verb = "The cause is" if probability >= CERTAIN_FROM else "The likely cause is"
     together = format_probability(probability)
     if probability < LIKELY_FROM:

@@ -169,14 +169,7 @@ def draw_novel_views(
 def _draw_comparison(
     real: Sequence[np.ndarray], rendered: Sequence[np.ndarray], label: str, title: str
 ) -> tuple[Figure, np.ndarray]:
-    """Draw real images (H, W, 3), their renders and the error, on one scale, a column each.
-
-    Args:
-        real: the images.
-        rendered: one render for each.
-        label: of the row of real images.
-        title: of the figure.
-    """
+    """Draw real images (H, W, 3), their renders and the error, on one scale, a column each."""
     errors = [np.abs(image - render).mean(2) for image, render in zip(real, rendered, strict=True)]
     limit = max(float(np.max(errors)), 1e-6)
     height, width = real[0].shape[:2]

@@ -51,12 +51,6 @@ def build_benchmark_rows(
     its 95 % interval over starts (``margin_low``, ``margin_high``) and seeds averaged on both sides. It is
     empty where there is no run of ours on that recording.
 
-    Args:
-        runs: wildcards of our runs, as of `group_runs`.
-        metrics: scores of each.
-        baseline_runs: wildcards of the baselines.
-        baseline_metrics: scores of each.
-
     Raises:
         ValueError: a baseline and a run of ours were scored on different starts of one recording.
     """
