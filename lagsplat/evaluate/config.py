@@ -9,9 +9,6 @@ from lagsplat.setting_checks import require_positive, require_setting
 class FigureConfig:
     """The rollout that is drawn, and the rollouts behind the figure of errors over time.
 
-    Raises:
-        ValueError: a value outside its domain.
-
     Source: paper, the figures of rollouts.
     """
 
@@ -35,9 +32,6 @@ class EvaluateConfig:
 
     Every value is set in ``conf/evaluate/*.yaml``. Durations ending in ``_s`` are seconds, those ending in
     ``_frames`` are frames of the recording, fractions are in [0, 1].
-
-    Raises:
-        ValueError: a value outside its domain.
 
     Source: the published protocol (0.5 s over 50 starts, two periods, free windows).
     """
@@ -91,11 +85,7 @@ class EvaluateConfig:
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class GuaranteeConfig:
-    """The starts and forces used to test whether a learned law always comes to rest.
-
-    Raises:
-        ValueError: a value outside its domain.
-    """
+    """The starts and forces used to test whether a learned law always comes to rest."""
 
     starts: int  # rollouts from all directions, at rest and moving
     far: float  # their distance, in lengths of the longest encoded state
@@ -114,9 +104,6 @@ class ExtrapolationConfig:
     """How far models are rolled out, where they are compared, and when they leave the chart.
 
     Every value is set in ``conf/extrapolation/*.yaml``.
-
-    Raises:
-        ValueError: a value outside its domain.
 
     Source: paper, Table "Extrapolation past the training window".
     """

@@ -159,11 +159,7 @@ def save_maps(
 
 
 def load_maps(path: str | os.PathLike[str]) -> tuple[Maps, dict[str, dict[str, Any]]]:
-    """Read the maps and the measures of each decoder.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
-    """
+    """Read the maps and the measures of each decoder."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     maps: Maps = {name: {} for name in header["measures"]}
     for key, value in tensors.items():

@@ -116,11 +116,7 @@ def grasp_brush(
 def grasp_nearest(
     kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place, *, least: float = ALPHA_MIN
 ) -> GraspPoint:
-    """Grasp the Gaussian whose centre is closest to ``at`` among those that are visible at ``q``.
-
-    Raises:
-        NoMatterError, ValueError: as `grasp_brush`.
-    """
+    """Grasp the Gaussian whose centre is closest to ``at`` among those that are visible at ``q``."""
     present, distance = _measure_distances(kinematics, q, at)
     chosen = torch.where(present >= least, distance, torch.inf).argmin()
     return _make_grasp_point(kinematics, q, at, torch.zeros_like(present).index_fill(0, chosen, 1.0))

@@ -97,9 +97,6 @@ READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}
 def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
     """Read a trajectory from CSV, Parquet or NPZ, whose ``columns`` may be named, or from a session's MCAP.
 
-    Raises:
-        FileNotFoundError, ValueError: as `read_trajectory_file` and `read_session_motion`.
-
     Example:
         >>> import lagsplat
         >>> trajectory = lagsplat.read_trajectory("real.csv")

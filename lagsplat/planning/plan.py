@@ -126,9 +126,6 @@ def shared_experiment(overrides: Overrides) -> Config:
     """What holds for all systems; as the first one has it where it makes no sense without a system.
 
     A crop, for one, suits films alone, and what is composed for no system in particular is an arm.
-
-    Raises:
-        ConfigError: see :func:`lagsplat.config.compose.compose`.
     """
     try:
         return compose(*overrides.shared)

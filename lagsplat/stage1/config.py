@@ -164,9 +164,6 @@ class Stage1Config:
 class FieldConfig:
     """A decoder whose Gaussians a network of the latent moves, and the training schedule of both decoders.
 
-    Raises:
-        ValueError: a value outside its domain.
-
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
 

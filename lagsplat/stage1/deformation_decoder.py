@@ -198,11 +198,7 @@ def save_deformation_field(
 def load_deformation_field(
     path: str | os.PathLike[str], config: FieldConfig, *, d: int
 ) -> tuple[DeformationField, dict[str, Any]]:
-    """Read a decoder and its header.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.files.artifact.load_artifact`.
-    """
+    """Read a decoder and its header."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     field = DeformationField(n=config.n_gaussians, d=d, config=config, **header["field"])
     return restore_module(field, tensors, path), header

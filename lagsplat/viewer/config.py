@@ -5,11 +5,7 @@ from dataclasses import dataclass
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ViewerConfig:
-    """Settings of the live page and of an interactive session.
-
-    Raises:
-        ValueError: a value outside its domain.
-    """
+    """Settings of the live page and of an interactive session."""
 
     host: str  # address that the server listens on; any other than loopback opens it to the network
     port: int  # first port to try; the next free one is taken

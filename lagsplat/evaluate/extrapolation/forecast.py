@@ -264,11 +264,7 @@ def extrapolate_ode(
     recording: Recording,
     config: ExtrapolationConfig,
 ) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for a neural ODE on the same chart.
-
-    Raises:
-        ValueError: as `open_scene`.
-    """
+    """The measures of `score_extrapolation` for a neural ODE on the same chart."""
     crossing, known, pictures = open_scene(autoencoder, chart, recording)
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:

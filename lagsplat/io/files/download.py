@@ -184,11 +184,7 @@ def _may_pass(error: Exception) -> bool:
 
 
 def _fetch_rest(url: str, part: Path) -> str:
-    """Append to ``part`` the rest of ``url``; return the SHA-256 of the whole.
-
-    Raises:
-        requests.RequestException, EOFError: less arrived than announced, or nothing; ``part`` keeps it.
-    """
+    """Append to ``part`` the rest of ``url``; return the SHA-256 of the whole."""
     start = _size(part)
     # With compressed transfer, byte positions would not match the file.
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})

@@ -312,11 +312,7 @@ class McapSurvey:
 
 
 def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
-    """Summarise every topic of the file at ``path``, damaged or not, in one pass.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.mcap.recovery.read_whole_messages`.
-    """
+    """Summarise every topic of the file at ``path``, damaged or not, in one pass."""
     decoders, losses = Decoders(), list[str]()
     topics: dict[str, TopicSummary] = {}
     first: dict[tuple[str, str], float] = {}

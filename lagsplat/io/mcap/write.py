@@ -65,11 +65,7 @@ class ImageTopic:
 def save_session(
     path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[ImageTopic] = ()
 ) -> None:
-    """Write a session to a new file; `read_session` restores it exactly.
-
-    Raises:
-        FileExistsError, ValueError: as `lagsplat.io.mcap.write.write_mcap`.
-    """
+    """Write a session to a new file; `read_session` restores it exactly."""
     time_s = log.dt_s * np.arange(len(log.columns["q"]))
     meta = {"kind": KIND, "dt_s": log.dt_s, **log.meta}
     write_mcap(
@@ -114,9 +110,6 @@ def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
     """Read a session as a trajectory, for instance the sim of a diagnosis.
 
     Pushes are inputs, too: if there were any, ``push0, ...`` follow the recording's inputs.
-
-    Raises:
-        FileNotFoundError, ValueError: as `read_session`.
     """
     log = read_session(path)
     columns, clip = log.columns, log.columns["clip"][:, 0]

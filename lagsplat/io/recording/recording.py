@@ -224,11 +224,7 @@ def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
 
 
 def load_recording(path: str | os.PathLike[str]) -> Recording:
-    """Load the recording at ``path``; frames are a read-only memory map.
-
-    Raises:
-        FileNotFoundError, ValueError: as `load_artifact`.
-    """
+    """Load the recording at ``path``; frames are a read-only memory map."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("frames",))
     missing = {"frames", "time_s", "inputs"} - set(tensors)
     if missing:

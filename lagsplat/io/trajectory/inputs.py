@@ -74,9 +74,6 @@ def read_input_log(
     """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
 
     Rows with a missing number are dropped with a warning.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.trajectory.trajectory.read_trajectory_file`.
     """
     path = Path(path)
     table = name_columns(read_table(path), columns or {}, needed=(TIME, "u0"))

@@ -376,11 +376,7 @@ class RayDrag:
         self.depth = 0.0
 
     def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Place, int]:
-        """The point of the ray at the depth of the first Gaussian that it meets, and its number.
-
-        Raises:
-            ValueError: as `lagsplat.forces.grasp.cast_ray`.
-        """
+        """The point of the ray at the depth of the first Gaussian that it meets, and its number."""
         pixel = (float(self.press[0]), float(self.press[1]))
         hit = cast_ray(
             self.operating_point.autoencoder,

@@ -45,11 +45,7 @@ def log_to_history(log: SessionLog) -> SessionHistory:
 
 
 def load_history(path: Path) -> SessionHistory:
-    """Read the history of a session from its MCAP file.
-
-    Raises:
-        FileNotFoundError, ValueError: as `lagsplat.io.mcap.write.read_session`.
-    """
+    """Read the history of a session from its MCAP file."""
     return log_to_history(read_session(path))
 
 

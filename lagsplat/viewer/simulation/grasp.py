@@ -183,9 +183,6 @@ class GraspModel:
 
         Where no centre is under the brush, the Gaussian with the number ``gaussian`` is grasped, if one is
         given.
-
-        Raises:
-            ValueError: as `lagsplat.forces.grasp.grasp_brush`.
         """
         state = torch.from_numpy(q)
         try:

@@ -31,11 +31,7 @@ def read_asset(name: str) -> str:
 
 
 def render_page(session: Session, *, title: str, subtitle: str) -> str:
-    """Render the page of a session as HTML.
-
-    Raises:
-        ValueError: as `pack_page`.
-    """
+    """Render the page of a session as HTML."""
     # only "</" could end a script element early
     run = json.dumps(pack_page(session), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
     return Template(read_asset("index.html")).render(
