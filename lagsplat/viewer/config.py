@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_positive, require_setting
+
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ViewerConfig:
@@ -21,16 +23,10 @@ class ViewerConfig:
     log_s: float  # time span of a session that is kept for a file [s]; older steps are dropped
 
     def __post_init__(self) -> None:
-        """Check the domains."""
-        for key in ("pictures_hz", "side", "reach", "beyond", "history_s", "log_s"):
-            _require(key, getattr(self, key), getattr(self, key) > 0, "must be positive")
+        require_positive(self, "viewer", "pictures_hz", "side", "reach", "beyond", "history_s", "log_s")
         for key in ("side", "window"):
             size = getattr(self, key)
-            _require(key, size, 16 <= size <= 2048, "must be from 16 to 2048 pixels")
-        _require("port", self.port, 0 <= self.port < 65536, "must be a port, or 0 for any free one")
-        _require("divergence", self.divergence, self.divergence > 1.0, "must exceed 1")
-
-
-def _require(key: str, value: object, holds: bool, rule: str) -> None:
-    if not holds:
-        raise ValueError(f"viewer.{key}={value} {rule}; set it in conf/viewer or with viewer.{key}=...")
+            require_setting(f"viewer.{key}", size, 16 <= size <= 2048, "must be from 16 to 2048 pixels")
+        rule = "must be a port, or 0 for any free one"
+        require_setting("viewer.port", self.port, 0 <= self.port < 65536, rule)
+        require_setting("viewer.divergence", self.divergence, self.divergence > 1.0, "must exceed 1")

@@ -180,12 +180,6 @@ class Silhouettes:
 
     An outline lies in the plane through the pivot parallel to the visitor's image, so that it stays on the
     object until the camera moves.
-
-    Args:
-        renderer: draws the mask.
-        scene_frame: coordinates of the scene.
-        moving: which Gaussians belong to the object.
-        rest: whitened state.
     """
 
     def __init__(

@@ -34,16 +34,7 @@ class SessionActions:
 
 
 class ControlPanel:
-    """The controls, the banner and the plots of a server.
-
-    Args:
-        server: the server.
-        session: the session; read for the ranges of the controls, changed only through the loop.
-        loop: takes the commands.
-        scene_view: shows the overlays.
-        actions: what the buttons for files do.
-        title: label of the panel.
-    """
+    """The controls, the banner and the plots of a server."""
 
     def __init__(
         self,

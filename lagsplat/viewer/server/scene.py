@@ -34,15 +34,7 @@ class DisplayOptions:
 
 
 class SceneView:
-    """The nodes of a viser scene, updated with the snapshots of a session.
-
-    Args:
-        server: the server that shows the scene.
-        session: the session.
-        canvas: shows the object.
-        read_frame: reads the recorded image of a frame.
-        residual: acceleration of the whitened state that a diagnosis found missing, or None.
-    """
+    """The nodes of a viser scene, updated with the snapshots of a session."""
 
     def __init__(
         self,

@@ -60,14 +60,6 @@ def export_session(
 ) -> tuple[Path, ...]:
     """Write a session as ``stem.mcap``, ``stem.mp4`` and ``stem.gif``; the videos show the force as an arrow.
 
-    Args:
-        stem: path of the files without suffix.
-        history: what happened.
-        renderer: draws the frames of the MP4.
-        meta: facts to store in the MCAP file.
-        gain: force that is drawn as one pixel.
-        small_renderer: draws the frames of the MCAP file and of the GIF.
-
     Raises:
         FileExistsError: the MCAP file exists already.
     """

@@ -75,16 +75,7 @@ class EnergyBalance:
         *,
         dt_s: float,
     ) -> None:
-        """Add one step to the balance.
-
-        Args:
-            law: the law that made the step.
-            before: state and velocity [1/s] at its start.
-            after: state and velocity [1/s] at its end.
-            u: inputs, constant during the step.
-            load: generalised force of the hand, constant during the step.
-            dt_s: length of the step [s].
-        """
+        """Add one step to the balance."""
         displacement = after[0] - before[0]
         self.hand_work += float(load @ displacement)
         if len(u):

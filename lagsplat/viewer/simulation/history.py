@@ -53,15 +53,7 @@ class SessionHistory:
 
 
 class HistoryBuffer:
-    """Ring buffer of the last ``rows`` steps, so that memory stays bounded.
-
-    Args:
-        d: number of coordinates.
-        n_u: number of inputs.
-        space: number of dimensions of a force, 2 or 3.
-        dt_s: time between rows [s].
-        rows: capacity.
-    """
+    """Ring buffer of the last ``rows`` steps, so that memory stays bounded."""
 
     def __init__(self, *, d: int, n_u: int, space: int, dt_s: float, rows: int) -> None:
         self.d, self.n_u, self.space, self.dt_s = d, n_u, space, dt_s

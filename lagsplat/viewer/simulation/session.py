@@ -56,14 +56,7 @@ class Snapshot:
 
 
 class Session:
-    """Steps a run that a user pushes and edits; starts at rest under the inputs of the operating point.
-
-    Args:
-        operating_point: the run at rest.
-        recorded: its recording, to start from frames and to replay inputs.
-        config: settings of the viewer.
-        forces: settings of the brush.
-    """
+    """Steps a run that a user pushes and edits; starts at rest under the inputs of the operating point."""
 
     def __init__(
         self,
