@@ -353,6 +353,14 @@ def test_every_module_is_tested(trees: dict[Path, ast.Module]) -> None:
     assert not untested, "\n".join(untested)
 
 
+def test_tests_mirror_the_rooms() -> None:
+    folders = {
+        path.parent.relative_to(ROOT / "tests/unit") for path in (ROOT / "tests/unit").rglob("test_*.py")
+    }
+    strange = [str(folder) for folder in folders if not (PACKAGE / folder).is_dir()]
+    assert set(strange) <= {"benchmarks"}, strange
+
+
 @pytest.mark.parametrize("path", PAGES, ids=short)
 def test_nothing_unfinished_and_nothing_of_one_machine(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

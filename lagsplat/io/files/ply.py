@@ -7,52 +7,19 @@ f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`
 """
 
 import os
-import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
+from plyfile import PlyData, PlyElement, PlyParseError
+from scipy.spatial.transform import Rotation
 
 from lagsplat.io.files.atomic import replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))  # the spherical harmonic of degree 0
-FIELDS = (
-    "x",
-    "y",
-    "z",
-    "f_dc_0",
-    "f_dc_1",
-    "f_dc_2",
-    "opacity",
-    "scale_0",
-    "scale_1",
-    "scale_2",
-    "rot_0",
-    "rot_1",
-    "rot_2",
-    "rot_3",
-)
+FIELDS = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity")
+FIELDS += ("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
 NORMALS = ("nx", "ny", "nz")
-TYPES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "<i2",
-    "ushort": "<u2",
-    "int": "<i4",
-    "uint": "<u4",
-    "float": "<f4",
-    "double": "<f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "<i2",
-    "uint16": "<u2",
-    "int32": "<i4",
-    "uint32": "<u4",
-    "float32": "<f4",
-    "float64": "<f8",
-}
-HEAD_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -70,14 +37,7 @@ class PlyCloud:
 
     def covariances(self) -> Float64[np.ndarray, "N 3 3"]:
         """Covariance matrices of the Gaussians."""
-        w, x, y, z = (self.quaternions / np.linalg.norm(self.quaternions, axis=1, keepdims=True)).T
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        ).transpose(2, 0, 1)
+        turn = Rotation.from_quat(self.quaternions, scalar_first=True).as_matrix()
         factor = turn * self.scales[:, None]
         return factor @ factor.transpose(0, 2, 1)
 
@@ -139,61 +99,30 @@ def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
     ]
     for name, column in zip(FIELDS, np.concatenate(columns, axis=1).T, strict=True):
         table[name] = column
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    lines += [*(f"property float {name}" for name in names), "end_header", ""]
     with replace_atomically(path) as temporary:
-        temporary.write_bytes("\n".join(lines).encode() + table.tobytes())
+        PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(temporary)
 
 
 def is_whole(path: str | os.PathLike[str]) -> bool:
     """Whether a PLY that another program is writing has all bytes that its header declares."""
     try:
-        elements, start = _header(Path(path))
+        read_elements(path)
     except (ValueError, FileNotFoundError):
         return False
-    return Path(path).stat().st_size >= start + sum(n * kind.itemsize for _, n, kind in elements)
+    return True
 
 
 def read_elements(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """Read every element of a binary little-endian PLY as a table with one column per property.
+    """Read every element of a PLY as a table with one column per property, mapped from the file.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is not such a PLY, or ends before its last element.
+        ValueError: it is no PLY, or ends before its last element.
     """
-    file = Path(path)
-    elements, start = _header(file)
-    data = file.read_bytes()
-    found = {}
-    for name, count, kind in elements:
-        if len(data) < start + count * kind.itemsize:
-            raise ValueError(
-                f"{path}: half-written: its header promises {count} rows of {name!r} and the file ends after "
-                f"{max(0, len(data) - start) // kind.itemsize}; delete it and make it again"
-            )
-        found[name] = np.frombuffer(data, kind, count, start)
-        start += count * kind.itemsize
-    return found
-
-
-def _header(path: Path) -> tuple[list[tuple[str, int, np.dtype]], int]:
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    end = re.search(rb"end_header\r?\n", head)
-    if not head.startswith(b"ply") or end is None:
-        raise ValueError(f"{path}: not a PLY file, or its header is half-written")
-    lines = head[: end.end()].decode("ascii", errors="replace").splitlines()
-    if "format binary_little_endian 1.0" not in lines:
-        raise ValueError(f"{path}: only PLY of format binary_little_endian 1.0 is read, not {lines[1:2]}")
-    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
-    for words in (line.split() for line in lines):
-        if words[:1] == ["element"] and len(words) == 3:
-            elements.append((words[1], int(words[2]), []))
-        elif words[:1] == ["property"]:
-            if len(words) != 3 or words[1] not in TYPES or not elements:
-                raise ValueError(f"{path}: cannot read {' '.join(words)!r}; only plain numbers are known")
-            elements[-1][2].append((words[2], TYPES[words[1]]))
-    return [(name, count, np.dtype(kinds)) for name, count, kinds in elements], end.end()
+    try:
+        return {element.name: element.data for element in PlyData.read(path).elements}
+    except (PlyParseError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a whole PLY file ({error}); delete it and make it again") from error
 
 
 def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> PlyCloud:

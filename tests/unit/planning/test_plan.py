@@ -19,7 +19,7 @@ from lagsplat.planning.plan import (
     weights_of,
 )
 
-SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts"
+SCRIPTS = Path(__file__).resolve().parents[3] / "workflow" / "scripts"
 
 
 def given(**command_line: str) -> Overrides:

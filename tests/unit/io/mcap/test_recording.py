@@ -11,7 +11,7 @@ import pytest
 from lagsplat.io.config import McapInputConfig
 from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import Recording
-from tests.unit.io.mcap_files import (
+from tests.unit.io.mcap.mcap_files import (
     START_NS,
     WRITERS,
     Take,

@@ -13,7 +13,7 @@ from foxglove.messages import CompressedVideo, Timestamp
 
 from lagsplat.io.mcap.images import VideoPackets
 from lagsplat.io.mcap.recording import read_mcap
-from tests.unit.io.mcap_files import topics
+from tests.unit.io.mcap.mcap_files import topics
 
 N = 12
 
