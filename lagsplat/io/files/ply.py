@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 from lagsplat.io.files.atomic import replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))  # the spherical harmonic of degree 0
-FIELDS = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity")
-FIELDS += ("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+FIELDS = tuple("x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split())
 NORMALS = ("nx", "ny", "nz")
 
 
