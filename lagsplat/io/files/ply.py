@@ -17,7 +17,10 @@ from scipy.spatial.transform import Rotation
 from lagsplat.io.files.atomic import replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))  # the spherical harmonic of degree 0
-FIELDS = tuple("x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split())
+COLORS, SCALES, TURNS = (
+    tuple(f"{name}_{i}" for i in range(n)) for name, n in (("f_dc", 3), ("scale", 3), ("rot", 4))
+)
+FIELDS = ("x", "y", "z", *COLORS, "opacity", *SCALES, *TURNS)
 NORMALS = ("nx", "ny", "nz")
 
 
