@@ -13,8 +13,7 @@ from scipy.spatial import cKDTree
 from lagsplat.array_types import Frames
 from lagsplat.chart.chart import Chart
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.splat.backend import choose_rasterizer
-from lagsplat.splat.image_model import ALPHA_MIN
+from lagsplat.splat.image_model import ALPHA_MIN, choose_rasterizer
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.deformation_decoder import DeformationField

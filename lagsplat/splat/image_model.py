@@ -1,4 +1,4 @@
-"""Constants and argument checks of the image model that every rasteriser implements.
+"""The image model that every rasteriser implements, its argument checks, and the choice of a rasteriser.
 
 A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixel centred at ``x`` with
 ``alpha = min(0.999, o exp(-sigma))``, ``sigma = (x - m)^T (S + 0.3 I)^-1 (x - m) / 2``. Gaussians are
@@ -13,6 +13,10 @@ opacity is below 1/255, or its blurred covariance is not positive definite. Opac
 Source: Kerbl et al. 2023, doi:10.1145/3592433; constants as in gsplat 1.5.
 """
 
+from collections.abc import Callable
+from importlib.util import find_spec
+
+import torch
 from torch import Tensor
 
 BLUR_PX2 = 0.3
@@ -59,3 +63,48 @@ def require_scene(
             raise ValueError(f"{name} is {tensor.dtype}, means {means.dtype}: use one floating type")
         if tensor.device != means.device:
             raise ValueError(f"{name} is on {tensor.device}, means on {means.device}: use one device")
+
+
+Rasterizer = Callable[..., Tensor]
+
+# The device type each rasteriser runs on; None is any.
+DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
+
+
+def choose_device(name: str) -> str:
+    """Return the device type to train on with this rasteriser: CUDA if it can run there, else the CPU."""
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() and find_spec("gsplat") else "cpu"
+    return DEVICES.get(name) or "cpu"
+
+
+def choose_rasterizer(name: str, device: torch.device | str) -> Rasterizer:
+    """Return ``rasterize(means, covariance, opacity, color, background, *, height, width)`` by name.
+
+    ``"auto"`` takes gsplat on a CUDA device if it is installed, Numba on the CPU, and torch elsewhere. Only
+    the chosen module is imported.
+
+    Raises:
+        ValueError: unknown name, or a rasteriser that cannot run on ``device``.
+    """
+    kind = torch.device(device).type
+    if name == "auto":
+        name = {"cpu": "numba", "cuda": "gsplat" if find_spec("gsplat") else "torch"}.get(kind, "torch")
+    if name not in DEVICES:
+        raise ValueError(f"there is no rasteriser {name!r}: choose one of auto, {', '.join(DEVICES)}")
+    if DEVICES[name] not in (None, kind):
+        raise ValueError(
+            f"the rasteriser {name!r} draws on {DEVICES[name]}, not {kind}: choose 'auto' or 'torch'"
+        )
+    # Import statements, because the dependency tracking of results reads only statements.
+    if name == "numba":
+        from lagsplat.splat.cpu.rasterize import rasterize as on_cpu
+
+        return on_cpu
+    if name == "gsplat":
+        from lagsplat.splat.rasterize_gsplat import rasterize as on_cuda
+
+        return on_cuda
+    from lagsplat.splat.rasterize_torch import rasterize as anywhere
+
+    return anywhere

@@ -9,9 +9,8 @@ from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
 from lagsplat.io.files.ply import PlyCloud
-from lagsplat.splat.backend import choose_device, choose_rasterizer
 from lagsplat.splat.gaussians import GaussianSlice
-from lagsplat.splat.image_model import BLUR_PX2
+from lagsplat.splat.image_model import BLUR_PX2, choose_device, choose_rasterizer
 from lagsplat.splat.projection import View, compute_depths, make_view, project
 from lagsplat.views.camera import Camera
 
@@ -38,7 +37,7 @@ def build_point_cloud(
         cloud: The Gaussians.
         cameras: One per image.
         blur_px2: Added to the drawn covariances instead of the 0.3 of training.
-        backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
+        backend: Rasteriser, see `lagsplat.splat.image_model.choose_rasterizer`.
 
     Source: the renderer of SHARP, arXiv:2512.10685.
     """

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from lagsplat.array_types import Frames, Images, Latents
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
-from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
+from lagsplat.splat.image_model import choose_rasterizer
 from lagsplat.splat.projection import View, project
 from lagsplat.stage1.encoder import Encoder
 
@@ -31,7 +31,7 @@ class Autoencoder(nn.Module):
         background: 'learned' or 'black'.
         lens: Focal lengths and principal point (x, y, x, y) [px] of the recording's camera for Gaussians in
             space (`lagsplat.views.camera`); None for Gaussians in the image plane.
-        backend: Rasteriser, see `lagsplat.splat.backend.choose_rasterizer`.
+        backend: Rasteriser, see `lagsplat.splat.image_model.choose_rasterizer`.
 
     Example:
         >>> import lagsplat

@@ -19,8 +19,8 @@ from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Images, Latents
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
-from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
+from lagsplat.splat.image_model import choose_rasterizer
 from lagsplat.splat.losses import anisotropy, structural_dissimilarity
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config

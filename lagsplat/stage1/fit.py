@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Latents, Series
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
-from lagsplat.splat.backend import choose_device
+from lagsplat.splat.image_model import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due

@@ -34,7 +34,7 @@ def rubbing(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[floa
 
 @pytest.fixture(scope="module")
 def real() -> Trajectory:
-    return film(rubbing, u=U, seconds=12.0, noise=0.005)
+    return film(rubbing, u=U, seconds=9.0, noise=0.005)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from lagsplat.splat import rasterize_gsplat as raster_gsplat
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
+from lagsplat.splat.image_model import choose_rasterizer
 
 
 def random_scene(batch, count, height, width, *, sigma=1.7, opacity=(0.02, 0.9), margin=3.0, seed=0):

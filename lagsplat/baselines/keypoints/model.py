@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
-from lagsplat.splat.backend import choose_rasterizer
+from lagsplat.splat.image_model import choose_rasterizer
 
 KIND, SCHEMA = "forecaster", 1
 

@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Float64, UInt8
 
 from lagsplat.chart.chart import Chart
-from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.cpu.slice import FrameRasterizer
+from lagsplat.splat.image_model import choose_rasterizer
 from lagsplat.splat.projection import make_view, project
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.views.camera import Camera

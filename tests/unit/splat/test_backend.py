@@ -5,8 +5,8 @@ import torch
 
 from lagsplat import provenance
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import choose_device, choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
+from lagsplat.splat.image_model import choose_device, choose_rasterizer
 
 
 def test_training_goes_where_the_rasteriser_draws():
@@ -33,7 +33,7 @@ def test_an_impossible_choice_is_refused(name, device, message):
 
 
 def test_a_result_depends_on_every_rasteriser():
-    pending, seen = ["lagsplat.splat.backend"], set()
+    pending, seen = ["lagsplat.splat.image_model"], set()
     while pending:
         module = pending.pop()
         if module not in seen:

@@ -8,8 +8,8 @@ import torch
 
 from lagsplat.splat import rasterize_gsplat as raster_gsplat
 from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.backend import choose_rasterizer
 from lagsplat.splat.cpu import rasterize as raster_numba
+from lagsplat.splat.image_model import choose_rasterizer
 
 BOTH = pytest.mark.parametrize(
     "rasterize", [raster_torch.rasterize, raster_numba.rasterize], ids=["torch", "numba"]
