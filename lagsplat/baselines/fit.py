@@ -104,7 +104,14 @@ def fit_baseline(
         nonlocal lost
         set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
         terms = train_step(baseline, optimizer, data, config, seed=seed, step=step)
-        lost = _count_lost(lost + 1, step) if terms is None else 0
+        lost = lost + 1 if terms is None else 0
+        if lost >= PATIENCE:
+            raise FloatingPointError(
+                f"the baseline lost its footing before step {step}: {lost} batches in a row have no finite "
+                "gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
+            )
+        if lost:
+            log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
         return terms
 
     save = None
@@ -158,7 +165,15 @@ def train_step(
     """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""
     rng = np.random.default_rng([seed, step])
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-    scene = _scene(data, config, _start(data, config, seed=seed, step=step), rng)
+    start = choose_batch_start(data, config, seed=seed, step=step)
+    frames = slice(start, start + config.batch)
+    at_rest = rng.permutation(data.rest_frames)[: config.batch]
+    scene = BaselineBatch(
+        images=to_images(data.frames[frames]),
+        inputs=data.inputs[frames],
+        rest_images=to_images(data.frames[at_rest]),
+        rest_inputs=data.inputs[at_rest],
+    )
     optimizer.zero_grad(set_to_none=True)
     terms = compute_loss_terms(
         baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient
@@ -173,34 +188,12 @@ def train_step(
     return torch.stack([loss, *terms]).detach().numpy()
 
 
-def _count_lost(in_a_row: int, step: int) -> int:
-    if in_a_row >= PATIENCE:
-        raise FloatingPointError(
-            f"the baseline lost its footing before step {step}: {in_a_row} batches in a row have no finite "
-            "gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
-        )
-    log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
-    return in_a_row
-
-
-def _start(data: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
+def choose_batch_start(data: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
     """First frame of this step's batch: in order, or in a new order on every pass."""
-    count = len(data.starts)
-    turn, place = divmod(step, count)
+    turn, place = divmod(step, len(data.starts))
     if config.order == "sequential":
         return int(data.starts[place])
-    return int(np.random.default_rng([seed, turn, count]).permutation(data.starts)[place])
-
-
-def _scene(data: BaselineData, config: BaselineConfig, start: int, rng: np.random.Generator) -> BaselineBatch:
-    frames = slice(start, start + config.batch)
-    at_rest = rng.permutation(data.rest_frames)[: config.batch]
-    return BaselineBatch(
-        images=to_images(data.frames[frames]),
-        inputs=data.inputs[frames],
-        rest_images=to_images(data.frames[at_rest]),
-        rest_inputs=data.inputs[at_rest],
-    )
+    return int(np.random.default_rng([seed, turn, len(data.starts)]).permutation(data.starts)[place])
 
 
 def obtain_baseline(

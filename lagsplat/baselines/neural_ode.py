@@ -92,22 +92,33 @@ def fit_ode(
     longest = max(len(clip) for clip in clips)
     window = min(max(round(config.periods * 2 * np.pi * unit_s / train.dt_s) + 1, 4), longest)
     torch.manual_seed(seed)
-    ode = NeuralOde(
-        train.latents.shape[1],
-        hidden=config.hidden,
-        layers=config.layers,
-        method=config.method,
-        time_unit_s=unit_s,
-    )
+    shape = {"hidden": config.hidden, "layers": config.layers, "method": config.method}
+    ode = NeuralOde(train.latents.shape[1], **shape, time_unit_s=unit_s)  # type: ignore[arg-type]
     optimizer = torch.optim.Adam(ode.parameters(), lr=config.rate)
     weight = torch.from_numpy(np.kron(np.eye(2), metric))
     _, curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
 
     def take_step(step: int) -> np.ndarray:
-        _set_rate(optimizer, config, step)
-        length = _length(window, step / config.steps)
+        wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
+        for group in optimizer.param_groups:
+            group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
+        # windows grow over the first half of the training
+        share = min(1.0, EARLY + (1 - EARLY) * 2 * step / config.steps)
+        length = max(4, min(window, math.ceil(share * window)))
         batch = _windows(clips, length, config.batch, np.random.default_rng([seed, step]))
-        return np.array([_descend(ode, optimizer, batch, weight, config, dt_s=train.dt_s, step=step)])
+        optimizer.zero_grad(set_to_none=True)
+        missed = ode.rollout(batch[0], states=len(batch), dt_s=train.dt_s) - batch
+        loss = torch.einsum("nbi,ij,nbj->nb", missed, weight, missed).mean()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(ode.parameters(), config.gradient_clip)
+        optimizer.step()
+        value = float(loss.detach())
+        if not math.isfinite(value):
+            raise FloatingPointError(
+                f"the neural ODE lost its footing at step {step}: the loss is {value}. Lower ode.rate or "
+                "ode.periods"
+            )
+        return np.array([value])
 
     save = None
     if checkpoint:
@@ -151,12 +162,6 @@ def _series(train: EncodedTrajectory, ends: tuple[int, int], unit_s: float) -> t
     return torch.from_numpy(np.concatenate([path(at), path(at, 1) * unit_s], axis=1))
 
 
-def _length(window: int, progress: float) -> int:
-    """Number of states in a window, which grows over the first half of the training."""
-    share = min(1.0, EARLY + (1 - EARLY) * 2 * progress)
-    return max(4, min(window, math.ceil(share * window)))
-
-
 def _windows(clips: list[torch.Tensor], length: int, batch: int, rng: np.random.Generator) -> torch.Tensor:
     """Random windows from all clips that are long enough, (N, B, 2d)."""
     fitting = [clip for clip in clips if len(clip) >= length]
@@ -165,37 +170,6 @@ def _windows(clips: list[torch.Tensor], length: int, batch: int, rng: np.random.
     which = np.searchsorted(np.cumsum(room), picked, side="right")
     starts = picked - np.concatenate([[0], np.cumsum(room)])[which]
     return torch.stack([fitting[c][s : s + length] for c, s in zip(which, starts, strict=True)], dim=1)
-
-
-def _descend(
-    ode: NeuralOde,
-    optimizer: torch.optim.Optimizer,
-    batch: torch.Tensor,
-    weight: torch.Tensor,
-    config: OdeConfig,
-    *,
-    dt_s: float,
-    step: int,
-) -> float:
-    optimizer.zero_grad(set_to_none=True)
-    missed = ode.rollout(batch[0], states=len(batch), dt_s=dt_s) - batch
-    loss = torch.einsum("nbi,ij,nbj->nb", missed, weight, missed).mean()
-    loss.backward()
-    torch.nn.utils.clip_grad_norm_(ode.parameters(), config.gradient_clip)
-    optimizer.step()
-    value = float(loss.detach())
-    if not math.isfinite(value):
-        raise FloatingPointError(
-            f"the neural ODE lost its footing at step {step}: the loss is {value}. Lower ode.rate "
-            "or ode.periods"
-        )
-    return value
-
-
-def _set_rate(optimizer: torch.optim.Optimizer, config: OdeConfig, step: int) -> None:
-    wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
-    for group in optimizer.param_groups:
-        group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
 
 
 def continue_rollout(

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from lagsplat.array_types import Frames
-from lagsplat.baselines.keypoints.forecast import KeyPointPath, continue_path, draw_path, fit_path
-from lagsplat.baselines.keypoints.model import Forecaster
+from lagsplat.baselines.keypoints.model import Forecaster, KeyPointPath, continue_path, draw_path, fit_path
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.forecast import (

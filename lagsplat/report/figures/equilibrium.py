@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from lagsplat.report.common.style import (
@@ -228,17 +229,13 @@ def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
                 units="xy",
                 offsets=states[chosen],
                 offset_transform=axis.transData,
-                facecolors=(*_to_rgb(colour), fill),
+                facecolors=to_rgba(colour, fill),
                 edgecolors="none" if fill else colour,
                 linewidths=0.7,
             )
         )
     axis.margins(0.18)
     axis.set_aspect("equal", adjustable="box")
-
-
-def _to_rgb(colour: str) -> tuple[float, ...]:
-    return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
 def _choose_distant(states: np.ndarray, count: int) -> Int64[np.ndarray, " chosen"]:

@@ -64,13 +64,8 @@ def build_benchmark_rows(
         baselines.setdefault(key, []).append(scores)
     rows = build_rows(runs, metrics)
     for (system, recording, profile, name), members in baselines.items():
-        row = build_row(
-            aggregate(members),
-            robot=system,
-            method=BASELINE_TITLES.get(name, name),
-            recording=recording,
-            profile=profile,
-        )
+        names = {"robot": system, "recording": recording, "profile": profile}
+        row = build_row(aggregate(members), method=BASELINE_TITLES.get(name, name), **names)
         rows.append(row | measure_margin(ours.get((system, recording, profile), []), members, MARGIN_SCORE))
     return rows
 

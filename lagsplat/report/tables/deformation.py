@@ -59,15 +59,9 @@ def build_deformation_table(
         shared = {"system": run["system"], "recording": run["recording"], "profile": run["profile"]}
         rows += [{**shared, "decoder": name, **measures} for name, measures in decoders.items()]
     for system in dict.fromkeys(str(run["system"]) for run in runs):
+        paper = {"n_gaussians": PAPER_PRIMITIVES, "profile": "the paper's"}
         rows += [
-            {
-                "system": system,
-                "decoder": name,
-                **measures,
-                "n_gaussians": PAPER_PRIMITIVES,
-                "recording": "filmed, the paper's",
-                "profile": "the paper's",
-            }
+            {"system": system, "decoder": name, **measures, **paper, "recording": "filmed, the paper's"}
             for name, measures in PAPER_DECODERS.get(system, {}).items()
         ]
     return (

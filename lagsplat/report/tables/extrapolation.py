@@ -150,12 +150,8 @@ def name_model(run: Mapping[str, Any]) -> str:
     """Name a run, or the model beside it, as tables do; a variant's file is named with it."""
     if "kind" not in run:
         return OURS
-    known = {
-        "ode": (FREE, "default"),
-        "forecaster": (FORECASTER, "keypoints"),
-        "authors": (AUTHORS, "default"),
-    }
-    name, usual = known[run["kind"]]
+    name = {"ode": FREE, "forecaster": FORECASTER, "authors": AUTHORS}[run["kind"]]
+    usual = "keypoints" if run["kind"] == "forecaster" else "default"
     return name if run["model"] == usual else f"{name}, {run['model']}"
 
 
@@ -211,18 +207,9 @@ def _list_reasons(results: Sequence[Mapping[str, Any]], measure: ExtrapolationMe
 
 
 def _list_paper_rows(system: str) -> list[dict[str, Any]]:
+    paper = {"n_seeds": 1, "n_measured": 1, "note": "", "recording": RECORDING, "profile": "the paper's"}
     return [
-        {
-            "system": system,
-            "model": PAPER_TITLES[name],
-            "measure": measure,
-            "value": value,
-            "n_seeds": 1,
-            "n_measured": 1,
-            "note": "",
-            "recording": RECORDING,
-            "profile": "the paper's",
-        }
+        {"system": system, "model": PAPER_TITLES[name], "measure": measure, "value": value} | paper
         for name, values in PAPER_EXTRAPOLATION.get(system, {}).items()
         for measure, value in values.items()
     ]

@@ -153,13 +153,8 @@ def build_mass_rows(
     for group, variants in group_runs(runs, metrics).items():
         constant = variants.get(CONSTANT_MASS, [])
         for name, members in variants.items():
-            row = build_row(
-                aggregate(members),
-                robot=group.system,
-                method="LaGSplat",
-                recording=group.recording,
-                profile=group.profile,
-            )
+            names = {"robot": group.system, "recording": group.recording, "profile": group.profile}
+            row = build_row(aggregate(members), method="LaGSplat", **names)
             row["mass"] = MASS_TITLES.get(name, LEARNED_MASS)
             row |= {
                 key: float(np.median([run["inertia"][key] for run in members])) for key in INERTIA_MEASURES

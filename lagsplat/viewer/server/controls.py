@@ -216,9 +216,8 @@ class ControlPanel:
             self.loop.submit(lambda s: s.follow(on))
 
         def hold(_: object) -> None:
-            u = np.array(
-                [clip_value(slider.value, a, b) for slider, a, b in zip(sliders, low, high, strict=True)]
-            )
+            held = zip(sliders, low, high, strict=True)
+            u = np.array([clip_value(slider.value, a, b) for slider, a, b in held])
             self.loop.submit(lambda s: s.set_inputs(u))
             follow.value = False  # type: ignore[misc]
 
@@ -226,11 +225,8 @@ class ControlPanel:
             slider.on_update(hold)
 
     def _add_view_controls(self, gui: viser.GuiApi) -> None:
-        names = {
-            "Outline at rest": "outline",
-            "Velocity field": "velocity",
-            "Recorded frame beside": "recorded",
-        }
+        names = {"Outline at rest": "outline", "Velocity field": "velocity"}
+        names["Recorded frame beside"] = "recorded"
         if self.scene_view.residual is not None:
             names["Residual of the diagnosis"] = "residual"
         boxes = {key: gui.add_checkbox(label, initial_value=False) for label, key in names.items()}
@@ -312,20 +308,8 @@ class HistoryPlots:
         if self.rows and snapshot.time_s < self.rows[-1][0] + self.span_s / PLOT_POINTS:
             return
         energy = snapshot.energy
-        self.rows.append(
-            [
-                snapshot.time_s,
-                *snapshot.q.tolist(),
-                energy.kinetic,
-                energy.potential,
-                energy.total,
-                energy.hand_work,
-                energy.input_work,
-                energy.dissipated,
-                energy.error,
-            ]
-        )
-
+        row = [snapshot.time_s, *snapshot.q.tolist(), energy.kinetic, energy.potential, energy.total]
+        self.rows.append([*row, energy.hand_work, energy.input_work, energy.dissipated, energy.error])
         while self.rows[0][0] < snapshot.time_s - self.span_s:
             self.rows.popleft()
 

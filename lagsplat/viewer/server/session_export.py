@@ -89,9 +89,8 @@ def draw_drag_arrow(
 ) -> UInt8[np.ndarray, "H W 3"]:
     """Draw an arrow from ``place`` along ``drag`` [px of the training resolution, or at the pivot]."""
     drawn = frame.copy(order="C")
-    foot, tip = np.round(2**FRACTION_BITS * renderer.project_points(np.stack([place, place + drag]))).astype(
-        int
-    )
+    ends = renderer.project_points(np.stack([place, place + drag]))
+    foot, tip = np.round(2**FRACTION_BITS * ends).astype(int)
     thick = max(1, round(max(frame.shape) / 110))
     for color, width in (((0, 0, 0), thick + 2), (ARROW, thick)):
         cv2.arrowedLine(

@@ -1,6 +1,6 @@
 """The grasp of a user: the force of a drag on the grasped matter, and the energy balance."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -90,15 +90,7 @@ class EnergyBalance:
 
     def terms(self) -> EnergyTerms:
         """The balance as it is now."""
-        return EnergyTerms(
-            self.kinetic,
-            self.potential,
-            self.hand_work,
-            self.input_work,
-            self.edit_work,
-            self.dissipated,
-            self.initial,
-        )
+        return EnergyTerms(**{field.name: getattr(self, field.name) for field in fields(EnergyTerms)})
 
     def _evaluate(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
         self.kinetic, self.potential = float(law.kinetic(q, v)), float(law.potential(q))

@@ -205,14 +205,9 @@ def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
     """Pack the weights of a convex network as lists; None for no network."""
     if net is None:
         return None
-    return {
-        "first": net.first.tolist(),
-        "firstBias": net.first_bias.tolist(),
-        "second": net.second.tolist(),
-        "secondBias": net.second_bias.tolist(),
-        "between": net.between.tolist(),
-        "head": net.head.tolist(),
-    }
+    names = {"first": "first", "firstBias": "first_bias", "second": "second", "secondBias": "second_bias"}
+    names |= {"between": "between", "head": "head"}
+    return {name: getattr(net, attribute).tolist() for name, attribute in names.items()}
 
 
 def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:

@@ -136,10 +136,10 @@ def test_batches_keep_to_clips_and_cover_a_pass(train):
     cut = replace(train, segments=((0, 40), (40, 120)))
     footage = prepare_baseline_data(cut, config)
     assert footage.starts.tolist() == [0, 16, 40, 56, 72, 88, 104]
-    order = [fit_module._start(footage, config, seed=0, step=step) for step in range(8)]
+    order = [fit_module.choose_batch_start(footage, config, seed=0, step=step) for step in range(8)]
     assert order == [*footage.starts.tolist(), 0]
     config.order = "shuffled"
-    order = [fit_module._start(footage, config, seed=0, step=step) for step in range(14)]
+    order = [fit_module.choose_batch_start(footage, config, seed=0, step=step) for step in range(14)]
     assert sorted(order[:7]) == sorted(order[7:]) == footage.starts.tolist()
     assert order[:7] != order[7:]
 

@@ -7,9 +7,8 @@ import pytest
 import torch
 
 import lagsplat.baselines.keypoints.fit as fit
-from lagsplat.baselines.keypoints.fit import fit_forecaster
-from lagsplat.baselines.keypoints.forecast import continue_path, draw_path, fit_path
-from lagsplat.baselines.keypoints.phases import choose_moment
+from lagsplat.baselines.keypoints.fit import choose_moment, fit_forecaster
+from lagsplat.baselines.keypoints.model import continue_path, draw_path, fit_path
 from tests.unit.baselines.keypoints.problems import STEPS, frames, settings
 
 

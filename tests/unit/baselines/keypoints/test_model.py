@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.baselines.keypoints.forecast import KeyPointPath, continue_path, draw_path, fit_path, wrap_angle
 from lagsplat.baselines.keypoints.model import (
     Forecaster,
     GraphNet,
+    KeyPointPath,
     KeyPoints,
     MotionNet,
+    continue_path,
+    draw_path,
+    fit_path,
     fourier_features,
     load_forecaster,
     read_forecaster_architecture,
     save_forecaster,
     scatter_points,
+    wrap_angle,
 )
 from tests.unit.baselines.keypoints.problems import frames, settings
 
