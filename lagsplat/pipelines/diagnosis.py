@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
-from lagsplat.diagnose.core.config import WITHHELD, DiagnoseConfig
+from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
@@ -188,11 +188,10 @@ def flag_extrapolation(found: Diagnosis, checked: DataCheck) -> Diagnosis:
 
 
 def withhold_verdict(found: Diagnosis) -> Diagnosis:
-    """Withhold the verdict: no name keeps more than `WITHHELD.max_probability`, the rest is spread evenly."""
+    """Withhold the verdict: no name exceeds `VERDICT.max_withheld_probability`, the rest is spread evenly."""
     top, even = found.candidates[0].probability, 1.0 / len(found.candidates)
-    share = (
-        1.0 if top <= WITHHELD.max_probability else max(WITHHELD.max_probability - even, 0.0) / (top - even)
-    )
+    most = VERDICT.max_withheld_probability
+    share = 1.0 if top <= most else max(most - even, 0.0) / (top - even)
     spread = (1.0 - share) * even
     flat = tuple(replace(c, probability=share * c.probability + spread) for c in found.candidates)
     return replace(found, verdict="undetermined", candidates=flat, combination=())

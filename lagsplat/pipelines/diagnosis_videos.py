@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import ERROR_BUDGET, VIDEO_LIMITS
+from lagsplat.diagnose.core.config import ERROR_BUDGET, VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
@@ -77,7 +77,7 @@ class RecordingPair:
             [compute_decoding_errors(run.autoencoder, run.chart, one) for one in recordings]
         )
         latents = np.concatenate([motion.q for motion in self.real])
-        seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, VIDEO_LIMITS.max_latents)]
+        seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, VIDEO_CHECKS.max_latents)]
         return ImageQuality(real, nominal, assess_perception(real, nominal, latents, seen))
 
     def judge(self, found: Diagnosis) -> Diagnosis:
@@ -103,14 +103,14 @@ class RecordingPair:
                     "never trained; what follows holds only if the encoder is right there"
                 )
             seeing = {known[name].camera for name in found.combination} - {None}
-            if seen.ratio > VIDEO_LIMITS.unreadable_error_ratio and found.verdict != "none" and not seeing:
+            if seen.ratio > VIDEO_CHECKS.unreadable_error_ratio and found.verdict != "none" and not seeing:
                 checks["undetermined"] = [
                     f"the real images are reconstructed {seen.ratio:.2g} times as badly as the run's own, so "
                     "the encoder cannot read their states; record with the same camera and compression"
                 ]
         gap = found.gap.before if found.gap is not None else np.inf
         named = found.combination and not any(known[name].camera in MOVED for name in found.combination)
-        if named and self.camera_share > VIDEO_LIMITS.max_camera_share * gap:
+        if named and self.camera_share > VIDEO_CHECKS.max_camera_share * gap:
             checks["undetermined"] = [
                 f"the camera moved, which alone imitates {100 * self.camera_share:.2g} % of the motion's "
                 f"size while the gap is {100 * gap:.2g} %; no effect can be separated from that"

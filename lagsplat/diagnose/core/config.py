@@ -1,8 +1,8 @@
 """Settings and thresholds of a diagnosis.
 
-`DiagnoseConfig` and `BlindConfig` hold what users set in ``conf/``. The tuples after them hold every other
-number that can change a verdict: one class a subject, with one instance each at the end of this file, read as
-``VERDICT.max_probability``. Each number has its unit in brackets (``[1]`` is a ratio) and its source.
+`DiagnoseConfig` and `BlindConfig` hold what users set in ``conf/``. The constants after them are every other
+number that can change a verdict, one class a subject, read as ``VERDICT.max_probability``; no class is
+instantiated. Each number has its unit in brackets (``[1]`` is a ratio) and its source.
 
 No number here is the result of a fitted calibration yet. The source is the commit of this repository in which
 a value was set by hand: after a semicolon beside the value, or beside its class for all others. Commits
@@ -11,9 +11,9 @@ more (22a8644 opened blind-1, 5353e65 blind-2, a61a354 two small splits, 95ad2a5
 values may have been chosen with a spent split in view.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+
+from lagsplat.setting_checks import require_least, require_positive, require_setting
 
 
 @dataclass
@@ -51,22 +51,18 @@ class DiagnoseConfig:
     second_effect_share: float  # share of the excess misfit that a second effect must remove [1]
 
     def __post_init__(self) -> None:
-        if self.input_hold not in ("linear", "zoh"):
-            raise ValueError(
-                f"diagnose.input_hold={self.input_hold!r}: choose linear or zoh (held between samples)"
-            )
-        positive = (
-            *("reference_longest_s", "window_periods", "steps_per_period", "tolerance"),
-            *("effective_sample_ratio", "identify_ridge"),
-        )
-        _require(self, "diagnose", positive, lambda value: value > 0, "must be positive")
+        hold = self.input_hold
+        rule = "must be linear or zoh (held between samples)"
+        require_setting("diagnose.input_hold", hold, hold in ("linear", "zoh"), rule)
+        positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
+        require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
         counts = ("families", "places", "starts", "iterations", "identify_iterations")
-        _require(self, "diagnose", counts, lambda value: value >= 1, "must be at least 1")
-        shares = (
-            *("potential", "damping", "inputs", "offset", "warp", "materiality", "prior_none"),
-            *("prior_unknown", "unknown_midpoint", "second_effect_share", "sufficient_share"),
-        )
-        _require(self, "diagnose", shares, lambda value: 0 < value < 1, "must lie between 0 and 1")
+        require_least(self, "diagnose", 1, *counts)
+        deviations = ("potential", "damping", "inputs", "offset", "warp")
+        shares = ("materiality", "unknown_midpoint", "second_effect_share", "sufficient_share")
+        for name in (*deviations, *shares, "prior_none", "prior_unknown"):
+            value = getattr(self, name)
+            require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")
         if self.prior_none + self.prior_unknown >= 1:
             raise ValueError("diagnose.prior_none and prior_unknown leave no probability for the effects")
 
@@ -88,35 +84,18 @@ class BlindConfig:
     reveal: bool  # write the outcome of every recording, after which the split is spent
 
     def __post_init__(self) -> None:
-        rule = "counts recordings; give 0 or more"
-        _require(self, "blind", ("t0", "t1", "left_out"), lambda value: value >= 0, rule)
+        require_least(self, "blind", 0, "t0", "t1", "left_out")
         if self.t0 + self.t1 == 0:
             raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
-        sizes = ("batch", "film_steps", "film_gaussians")
-        _require(self, "blind", sizes, lambda value: value >= 1, "must be at least 1")
+        require_least(self, "blind", 1, "batch", "film_steps", "film_gaussians")
         if not self.split.replace("-", "").isalnum():
             raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")
-
-
-def _require(
-    config: object, group: str, names: tuple[str, ...], holds: Callable[[Any], bool], rule: str
-) -> None:
-    for name in names:
-        value = getattr(config, name)
-        if not holds(value):
-            raise ValueError(f"{group}.{name}={value} {rule}")
 
 
 # --- Data quality
 
 
-class TrajectoryCheckThresholds(NamedTuple):
-    """Checks of both trajectories against each other. Commit d06fac6."""
-
-    period_ratio_warning: float = 2.0  # ratio of both sides' driven periods [1] from which neither is trusted
-
-
-class ClosedLoopThresholds(NamedTuple):
+class CLOSED_LOOP:
     """Tests for inputs that a controller computes from the measured motion. Commit d06fac6."""
 
     difference_order: int = 6  # order of the differences that leave errors and no smooth motion [count]
@@ -130,9 +109,10 @@ class ClosedLoopThresholds(NamedTuple):
     single_line_share: float = 0.9  # power in one spectral line [1] that q and v follow whatever the cause
 
 
-class CompatibilityThresholds(NamedTuple):
+class COMPATIBILITY:
     """Whether the real motion lies where the simulator was seen, and in the same units. Commit d06fac6."""
 
+    period_ratio_warning: float = 2.0  # ratio of both sides' driven periods [1] from which neither is trusted
     region_factor: float = 1.5  # size of the simulator's region, in its 99 % quantile of the distance [1]
     warning_outside_share: float = 0.05  # share of real samples outside of it that is worth a warning [1]
     undetermined_outside_share: float = 0.5  # share of real samples outside that forbids a verdict [1]
@@ -141,7 +121,7 @@ class CompatibilityThresholds(NamedTuple):
     striking_size_ratio: float = 20.0  # ratio of sizes that asks for an explanation [1]
 
 
-class DiscontinuityThresholds(NamedTuple):
+class DISCONTINUITIES:
     """Where a trajectory is not continued: cuts, gaps, holds before a release. Commits d06fac6, 71ca292."""
 
     polynomial_samples: int = 8  # samples of the polynomial on either side of a border, at most [count]
@@ -164,7 +144,7 @@ class DiscontinuityThresholds(NamedTuple):
     min_swing_noise_ratio: float = 12.0  # amplitude of that swing over the noise [1]
 
 
-class RepeatedFrameThresholds(NamedTuple):
+class REPEATED_FRAMES:
     """Samples that repeat an earlier one, as from a camera that lost frames. Commits d06fac6, 71ca292."""
 
     same_image_steps: float = 3.0  # step, in those that noise makes, up to which an image is the same [1]
@@ -181,7 +161,7 @@ class RepeatedFrameThresholds(NamedTuple):
     min_uncertain_length: int = 4  # samples of such a shorter repeat [count]
 
 
-class ExcitationThresholds(NamedTuple):
+class EXCITATION:
     """What counts as motion, rest and a level when excitation is measured. Commit d06fac6."""
 
     swing_noise_ratio: float = 5.0  # swing over the noise's standard deviation [1] from which it is one
@@ -192,7 +172,7 @@ class ExcitationThresholds(NamedTuple):
     constant_tolerance: float = 1e-6  # variation of a constant input over its size [1]: printed digits
 
 
-class NaturalPeriodThresholds(NamedTuple):
+class NATURAL_PERIOD:
     """Weak-form regression of a linear law for the natural period. Commit d06fac6."""
 
     lengths_per_decade: int = 14  # lengths of test functions tried in a decade [count]
@@ -207,7 +187,7 @@ class NaturalPeriodThresholds(NamedTuple):
     step_period_ratio: float = 1.6  # period of coordinates over that of rates [1] from which motion steps
 
 
-class NoiseEstimationSettings(NamedTuple):
+class NOISE_ESTIMATION:
     """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
 
     polynomial_degree: int = 5  # degree of the polynomial in a window [1]
@@ -221,7 +201,7 @@ class NoiseEstimationSettings(NamedTuple):
     correlated_log_ratio: float = 6.0  # log-likelihood by which correlated noise must beat white noise [nat]
 
 
-class SamplingThresholds(NamedTuple):
+class SAMPLING:
     """How densely, evenly and finely a motion is sampled. Commit d06fac6."""
 
     decimated_samples_per_period: float = 100.0  # samples kept in the rms period of the rates [count]
@@ -240,7 +220,7 @@ class SamplingThresholds(NamedTuple):
     min_periods: float = 2.5  # duration of a recording [natural periods] below which too little repeats
 
 
-class TimeAlignmentThresholds(NamedTuple):
+class TIME_ALIGNMENT:
     """Whether inputs and coordinates share a clock. Commit d06fac6."""
 
     max_shift_periods: float = 3.0  # shift of the inputs, at most [natural periods]
@@ -256,7 +236,7 @@ class TimeAlignmentThresholds(NamedTuple):
 # --- Residual
 
 
-class ChangePointSettings(NamedTuple):
+class CHANGE_POINTS:
     """Events: stretches in which the residual is larger than around them. Commit 09186ef."""
 
     stride_periods: float = 0.125  # distance of the levels among which changes are sought [natural periods]
@@ -269,7 +249,7 @@ class ChangePointSettings(NamedTuple):
     max_events: int = 5  # events that are reported, at most [count]
 
 
-class ComponentSettings(NamedTuple):
+class COMPONENTS:
     """Kernel regression of the residual on groups of features. Commit 09186ef."""
 
     ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
@@ -278,7 +258,7 @@ class ComponentSettings(NamedTuple):
     correlation_z: float = 1.96  # correlation, in standard deviations [1]: the normal quantile of 0.975
 
 
-class ErrorBudgetSettings(NamedTuple):
+class ERROR_BUDGET:
     """Shares of the forecast error by stage, and whether images can be trusted. Commit 6e0f2c7."""
 
     bootstrap_draws: int = 999  # draws of the block bootstrap [count]
@@ -290,7 +270,7 @@ class ErrorBudgetSettings(NamedTuple):
     max_step_share: float = 0.02  # step of the forecast's integrator, as a share of the horizon, at most [1]
 
 
-class ResidualFeatureSettings(NamedTuple):
+class RESIDUAL_FEATURES:
     """Features that the residual is regressed on. Commit 09186ef."""
 
     lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)  # lags of memory features [natural periods]
@@ -300,23 +280,18 @@ class ResidualFeatureSettings(NamedTuple):
     max_samples: int = 800  # samples of the regression, at most [count]
 
 
-class LatentForceSettings(NamedTuple):
+class LATENT_FORCE:
     """Smoother of the force that the simulator lacks. Commit 6c919a8."""
 
     length_scales_periods: tuple[float, ...] = (0.125, 0.5, 2.0)  # length scales tried [natural periods]
     path_tolerance: float = 1e-3  # change of the path, over its rms [1], that ends the iteration
     max_iterations: int = 5  # relinearizations, at most [count]
+    max_step_rad: float = 0.5  # Runge-Kutta step of a transition matrix, at most [rad of the fastest mode]
     start_force_share: float = 0.01  # variance of the force at the start, over the acceleration's [1]
     min_log_likelihood_gain: float = 3.0  # gain that admits a force [nat]; by chance in 1 of 100 records
 
 
-class LinearizationSettings(NamedTuple):
-    """Transition matrices along a path. Commit 6c919a8."""
-
-    max_step_rad: float = 0.5  # Runge-Kutta step, at most [rad of the fastest mode]
-
-
-class LocalizationThresholds(NamedTuple):
+class LOCALIZATION:
     """Level at which the gap arises: perception, chart, actuation or dynamics. Commit 09186ef."""
 
     min_actuation_share: float = 0.4  # share of all that is explained that inputs must explain [1]
@@ -329,13 +304,13 @@ class LocalizationThresholds(NamedTuple):
     min_event_energy_share: float = 0.7  # share of the residual's energy that brief events hold, at least [1]
 
 
-class MeasurementModelSettings(NamedTuple):
+class MEASUREMENT_MODEL:
     """Tests of the measurement against the force. Commit 09186ef."""
 
     sign_flips: int = 999  # random sign flips of the permutation test [count]
 
 
-class SpectrumSettings(NamedTuple):
+class SPECTRUM:
     """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433). Commit 09186ef."""
 
     half_bandwidth: float = 3.0  # time-bandwidth product of the tapers [1]
@@ -350,7 +325,7 @@ class SpectrumSettings(NamedTuple):
     max_bands: int = 5  # bands that are reported, at most [count]
 
 
-class StateMapSettings(NamedTuple):
+class STATE_MAPS:
     """Cluster permutation test on maps over position and velocity. Commit 09186ef."""
 
     map_bins: int = 8  # bins of a map in each direction [count]
@@ -364,7 +339,7 @@ class StateMapSettings(NamedTuple):
 # --- Estimation
 
 
-class DatasetSettings(NamedTuple):
+class DATASET:
     """How recordings become the data of an estimation. Commit 66f7fa5."""
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
@@ -372,7 +347,7 @@ class DatasetSettings(NamedTuple):
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
 
 
-class ShootingSettings(NamedTuple):
+class SHOOTING:
     """Gauss-Newton iterations of multiple shooting (Bock 1983). Commit 66f7fa5."""
 
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
@@ -382,7 +357,7 @@ class ShootingSettings(NamedTuple):
 # --- Identification
 
 
-class EstimatedSimulatorSettings(NamedTuple):
+class ESTIMATED_SIMULATOR:
     """Windows on which a simulator is fitted to its own recordings. Commit 0e95f8e."""
 
     diverged_misfit: float = 50.0  # mean square residual of windows too long to follow [noise variances]
@@ -391,7 +366,7 @@ class EstimatedSimulatorSettings(NamedTuple):
     min_window_frames: int = 12  # frames of a window, at least [count]
 
 
-class NoveltyThresholds(NamedTuple):
+class NOVELTY:
     """Windows where a simulator was never seen, and outliers of its own recordings. Commit 937389d."""
 
     distance_quantile: float = 0.999  # quantile of the reference distances beyond which a window is new [1]
@@ -404,7 +379,7 @@ class NoveltyThresholds(NamedTuple):
     min_windows: int = 8  # windows from which outliers are sought [count]: fewer have no reliable median
 
 
-class StructureSearchSettings(NamedTuple):
+class STRUCTURE_SEARCH:
     """Growth of the polynomial law of an estimated simulator. Commit 66f7fa5."""
 
     max_inertia_coupling: float = 0.3  # prior standard deviation between two coordinates, over their own [1]
@@ -417,15 +392,10 @@ class StructureSearchSettings(NamedTuple):
 # --- Given simulators
 
 
-class ProjectionThresholds(NamedTuple):
-    """Projection of a given simulator on polynomial fields. Commit 3c11127."""
+class PROJECTION:
+    """Projection of a given simulator on polynomial fields. Commit 692b79f."""
 
-    warning_error: float = 0.02  # relative error of the acceleration above which a warning is due [1]
-
-
-class ProjectionFieldSettings(NamedTuple):
-    """Fields of that projection. Commit 692b79f."""
-
+    warning_error: float = 0.02  # relative error of the acceleration [1] worth a warning; commit 3c11127
     tolerance: float = 0.003  # relative error of the acceleration below which no field is added [1]
     default_friction_width: float = 0.02  # of smooth dry friction, unless another fits [rms of the speed]
     friction_widths: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)  # widths tried [rms of the speed]
@@ -434,7 +404,7 @@ class ProjectionFieldSettings(NamedTuple):
 # --- Images and videos
 
 
-class ImageLocalizationThresholds(NamedTuple):
+class IMAGE_LOCALIZATION:
     """Where in the image a force acts, and where the image is wrong. Commit 6e0f2c7."""
 
     min_contrast: float = 0.05  # contrast of the best to the worst moving point, to report the best [1]
@@ -444,7 +414,7 @@ class ImageLocalizationThresholds(NamedTuple):
     max_regions: int = 5  # regions that are reported, at most [count]
 
 
-class ImageRenderingSettings(NamedTuple):
+class IMAGE_RENDERING:
     """Which frames and Gaussians are looked at. Commit d32643f."""
 
     max_frames: int = 240  # frames of a recording whose reconstruction is measured, at most [count]
@@ -452,18 +422,21 @@ class ImageRenderingSettings(NamedTuple):
     body_share: float = 0.9  # share of all visible motion that the fewest Gaussians of the body make up [1]
 
 
-class VideoCheckSettings(NamedTuple):
-    """Checks of a video that a fitted run is compared with. Commit 3858606."""
+class VIDEO_CHECKS:
+    """Checks of a video that a fitted run is compared with, and when it forbids a verdict. Commit 3858606."""
 
     max_frames: int = 300  # frames looked at where the video file is not there [count]
     shifted_frames: int = 24  # frames on which a shift of the image is expressed in latents [count]
     min_clip_frames: int = 20  # frames of a clip that is kept [count]
+    max_latents: int = 4000  # nominal latents that a real latent is compared with, at most [count]
+    unreadable_error_ratio: float = 5.0  # error of real over nominal images [1] that hides the states
+    max_camera_share: float = 0.5  # camera's share of the gap [1] above which only it is named
 
 
 # --- Inference
 
 
-class EstimationProblemSettings(NamedTuple):
+class PROBLEM:
     """Which windows and directions enter an estimation."""
 
     max_squared_deviation: float = 40.0  # free one of nuisances, in inflated variances [1]; a1527c2
@@ -472,7 +445,7 @@ class EstimationProblemSettings(NamedTuple):
     min_visibility: float = 0.3  # misfit's curvature along a visible one, in prior standard deviations [1]
 
 
-class SelectionSettings(NamedTuple):
+class SELECTION:
     """Search over effects and their fits."""
 
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78
@@ -485,7 +458,7 @@ class SelectionSettings(NamedTuple):
     sample_noise_penalty: float = 4.0  # log evidence a sample effect must exceed [nat]: not integrated out
 
 
-class CombinationSettings(NamedTuple):
+class COMBINATIONS:
     """Sets of several effects."""
 
     max_effects: int = 3  # effects in a set, at most [count]; 0e95f8e
@@ -493,7 +466,7 @@ class CombinationSettings(NamedTuple):
     min_excess: float = 0.1  # excess mean square that asks for another effect [noise variances]; 123f88b
 
 
-class VerdictSettings(NamedTuple):
+class VERDICT:
     """From log evidence to probabilities."""
 
     max_log_evidence: float = 200.0  # log evidence in all [nat]; more is an error of the laws; 6891504
@@ -501,6 +474,7 @@ class VerdictSettings(NamedTuple):
     elastic_creep_penalty: float = 4.0  # log prior of such creep, lowered by [nat]; 88ac3e6
     equivalent_log_evidence: float = 3.0  # lead of equivalent effects [nat], twice it within a class; 0e95f8e
     max_probability: float = 0.98  # probability that no name exceeds [1]; 8360ea4
+    max_withheld_probability: float = 0.4  # the same where the data forbid a verdict [1]
     law_error: float = 0.03  # mean square that a right law may leave, over the nominal one [1]; 0fc4d5b
     detectable_deviations: float = 2.5  # standard deviations of a detectable excess [1]: false alarms 0.006
     min_unknown: float = 0.015  # probability of `unknown`, at least [1]; 8360ea4
@@ -511,7 +485,7 @@ class VerdictSettings(NamedTuple):
     interval_z: float = 1.645  # half width of a 90 % interval [standard deviations]: the quantile of 0.95
 
 
-class ImplausibilitySettings(NamedTuple):
+class IMPLAUSIBILITY:
     """Reasons against an explanation that leaves nothing unexplained."""
 
     unrepeated_chance: float = 0.7  # P(unknown) if no state recurs without the external force [1]; 0fc4d5b
@@ -527,7 +501,7 @@ class ImplausibilitySettings(NamedTuple):
     relaxed_misfit_margin: float = 0.05  # mean square it may be worse by [noise variances]; 0fc4d5b
 
 
-class PlacementSettings(NamedTuple):
+class PLACEMENT:
     """Where effects are tried."""
 
     max_joint_coordinates: int = 3  # coordinates up to which pairs of them are tried [count]; 71ce7a9
@@ -536,23 +510,18 @@ class PlacementSettings(NamedTuple):
     max_line_frequency: float = 0.2  # highest line, over the frame rate [1]; efdf4b2
 
 
-class ProfileSettings(NamedTuple):
-    """Profile likelihoods of fitted parameters. Commit c57c528."""
+class PROFILES:
+    """Profile likelihoods, and which effects a recording could separate. Commit c57c528."""
 
     points_per_side: int = 4  # points on each side of the best value [count]
     reach_deviations: float = 3.5  # reach on each side [standard deviations]
     iterations: int = 4  # iterations of each fit [count]
     max_parameters: int = 4  # parameters that are profiled, at most [count]
     pin_deviation: float = 1e-4  # prior standard deviation that pins a parameter [its standard deviations]
+    max_compared_effects: int = 8  # effects whose separability is computed, at most [count]
 
 
-class IdentifiabilitySettings(NamedTuple):
-    """Which effects a recording could separate. Commit c57c528."""
-
-    max_effects: int = 8  # effects that are compared, at most [count]
-
-
-class HoldoutSettings(NamedTuple):
+class HOLDOUT:
     """Held-out forecasts."""
 
     start_samples: int = 10  # samples, without repeats, that fit the initial state [count]; 0e95f8e
@@ -561,7 +530,7 @@ class HoldoutSettings(NamedTuple):
     diverged_error: float = 10.0  # error of a diverged forecast, at least [rms of the coordinate]; 6c6edb9
 
 
-class RecalibrationSettings(NamedTuple):
+class RECALIBRATION:
     """Calibration of a given simulator on recordings without an effect. Commit 937389d.
 
     The degrees are the highest of mass, damping, potential and input map that move, step by step [1].
@@ -578,7 +547,7 @@ class RecalibrationSettings(NamedTuple):
     direction_cutoff: float = 1e-8  # eigenvalue over the largest [1] below which a move changes nothing
 
 
-class RobustnessSettings(NamedTuple):
+class ROBUSTNESS:
     """Noise inflation, and repeats of the verdict under perturbations. Commit e6e25e8."""
 
     inflation_misfit: float = 4.0  # mean square over the nominal [1] that inflates the noise; 97c6964
@@ -589,7 +558,7 @@ class RobustnessSettings(NamedTuple):
     frozen_warp_share: float = 1e-6  # share of the prior warp that is left where none is allowed [1]
 
 
-class MaterialitySettings(NamedTuple):
+class MATERIALITY:
     """When an effect is too small to be named. Commit 0e95f8e."""
 
     certain_log_evidence: float = 30.0  # that names an effect even if forecasts hardly improve [nat]
@@ -601,73 +570,10 @@ class MaterialitySettings(NamedTuple):
 # --- Inputs and verdict of the pipelines
 
 
-class CalibrationThresholds(NamedTuple):
+class CALIBRATION_CHECKS:
     """When a given simulator is recalibrated, and when inputs are held between samples."""
 
     missed_misfit: float = 1.5  # mean square that misses a simulator's own recordings [noise variances]
     min_repeated_share: float = 0.5  # share of input samples that repeat [1] where they may be held
     min_criterion_gain: float = 10.0  # decrease of the BIC that chooses held inputs [nat, doubled]
     max_misfit_share: float = 0.5  # misfit with over without held inputs [1], where windows differ
-
-
-class VideoLimits(NamedTuple):
-    """When images or a moved camera forbid a verdict."""
-
-    max_latents: int = 4000  # nominal latents that a real latent is compared with, at most [count]
-    unreadable_error_ratio: float = 5.0  # error of real over nominal images [1] that hides the states
-    max_camera_share: float = 0.5  # camera's share of the gap [1] above which only it is named
-
-
-class WithheldVerdictSettings(NamedTuple):
-    """Probabilities where the data forbid a verdict."""
-
-    max_probability: float = 0.4  # probability that no name exceeds there [1]
-
-
-# --- The instances that the code reads
-
-TRAJECTORY_CHECKS = TrajectoryCheckThresholds()
-CLOSED_LOOP = ClosedLoopThresholds()
-COMPATIBILITY = CompatibilityThresholds()
-DISCONTINUITIES = DiscontinuityThresholds()
-REPEATED_FRAMES = RepeatedFrameThresholds()
-EXCITATION = ExcitationThresholds()
-NATURAL_PERIOD = NaturalPeriodThresholds()
-NOISE_ESTIMATION = NoiseEstimationSettings()
-SAMPLING = SamplingThresholds()
-TIME_ALIGNMENT = TimeAlignmentThresholds()
-CHANGE_POINTS = ChangePointSettings()
-COMPONENTS = ComponentSettings()
-ERROR_BUDGET = ErrorBudgetSettings()
-RESIDUAL_FEATURES = ResidualFeatureSettings()
-LATENT_FORCE = LatentForceSettings()
-LINEARIZATION = LinearizationSettings()
-LOCALIZATION = LocalizationThresholds()
-MEASUREMENT_MODEL = MeasurementModelSettings()
-SPECTRUM = SpectrumSettings()
-STATE_MAPS = StateMapSettings()
-DATASET = DatasetSettings()
-SHOOTING = ShootingSettings()
-ESTIMATED_SIMULATOR = EstimatedSimulatorSettings()
-NOVELTY = NoveltyThresholds()
-STRUCTURE_SEARCH = StructureSearchSettings()
-PROJECTION = ProjectionThresholds()
-PROJECTION_FIELDS = ProjectionFieldSettings()
-IMAGE_LOCALIZATION = ImageLocalizationThresholds()
-IMAGE_RENDERING = ImageRenderingSettings()
-VIDEO_CHECKS = VideoCheckSettings()
-PROBLEM = EstimationProblemSettings()
-SELECTION = SelectionSettings()
-COMBINATIONS = CombinationSettings()
-VERDICT = VerdictSettings()
-IMPLAUSIBILITY = ImplausibilitySettings()
-PLACEMENT = PlacementSettings()
-PROFILES = ProfileSettings()
-IDENTIFIABILITY = IdentifiabilitySettings()
-HOLDOUT = HoldoutSettings()
-RECALIBRATION = RecalibrationSettings()
-ROBUSTNESS = RobustnessSettings()
-MATERIALITY = MaterialitySettings()
-CALIBRATION_CHECKS = CalibrationThresholds()
-VIDEO_LIMITS = VideoLimits()
-WITHHELD = WithheldVerdictSettings()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import TRAJECTORY_CHECKS
+from lagsplat.diagnose.core.config import COMPATIBILITY
 from lagsplat.diagnose.core.result import Finding, refuse
 from lagsplat.diagnose.data_quality.closed_loop import check_feedback
 from lagsplat.diagnose.data_quality.compatibility import check_coordinates, check_region
@@ -95,7 +95,7 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
     """Unwrap and cut the motions of one side, and measure their natural period and noise.
 
     ``nominal_period_s`` replaces the measured period of a driven motion where the two differ by more than
-    `TRAJECTORY_CHECKS.period_ratio_warning` times: then inputs and coordinates do not belong together, or
+    `COMPATIBILITY.period_ratio_warning` times: then inputs and coordinates do not belong together, or
     there is too little data.
     """
     findings: list[Finding] = []
@@ -117,7 +117,7 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
         ratio = (period_s or np.inf) / nominal_period_s
         period_s = (
             period_s
-            if 1.0 / TRAJECTORY_CHECKS.period_ratio_warning < ratio < TRAJECTORY_CHECKS.period_ratio_warning
+            if 1.0 / COMPATIBILITY.period_ratio_warning < ratio < COMPATIBILITY.period_ratio_warning
             else nominal_period_s
         )
     noise = measure_noise(ready, period_s=period_s)

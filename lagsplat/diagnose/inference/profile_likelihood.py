@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import IDENTIFIABILITY, PROFILES
+from lagsplat.diagnose.core.config import PROFILES
 from lagsplat.diagnose.core.result import Parameter
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.parameters import UNITS
@@ -215,7 +215,7 @@ def compute_separability(
             and np.isfinite(hypothesis.fit.start_slopes).all()
         ):
             best.setdefault(hypothesis.effects[0].effect.name, hypothesis)
-    fits = list(best.values())[: IDENTIFIABILITY.max_effects]
+    fits = list(best.values())[: PROFILES.max_compared_effects]
     if len(fits) < 2:
         return None
     marks = [_effect_signature(problem, hypothesis) for hypothesis in fits]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import LINEARIZATION
+from lagsplat.diagnose.core.config import LATENT_FORCE
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
 
@@ -54,7 +54,7 @@ def linearize_steps(
     the shortest natural period [s], the number of Runge-Kutta steps in a sample step.
 
     Raises:
-        LinAlgError: the fastest mode needs more than `LINEARIZATION.max_substeps` of these.
+        LinAlgError: the fastest mode needs more than `LATENT_FORCE.max_substeps` of these.
     """
     d = mechanics.d
     inertia = compute_rest_inertia(mechanics)
@@ -76,7 +76,7 @@ def linearize_steps(
 
 def _count_substeps(h: np.ndarray, period_s: float) -> int:
     """Number of Runge-Kutta steps in each sample step, enough for the longest."""
-    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / LINEARIZATION.max_step_rad))
+    parts = float(np.ceil(h.max(initial=0.0) * 2.0 * np.pi / period_s / LATENT_FORCE.max_step_rad))
     if not parts <= MAX_SUBSTEPS:
         raise np.linalg.LinAlgError(
             f"the sim's fastest mode, {1.0 / period_s:.3g} Hz, needs {parts:.3g} integration steps a sample; "

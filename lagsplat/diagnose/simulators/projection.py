@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from scipy.linalg import lstsq
 from scipy.optimize import root
 
-from lagsplat.diagnose.core.config import PROJECTION, PROJECTION_FIELDS
+from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -197,7 +197,7 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
     wanted = samples.share(samples.dissipation[..., None])
     options: list[tuple[np.ndarray | None, bool, np.ndarray]] = []
     for drag in (False, True):
-        for width in (None, *PROJECTION_FIELDS.friction_widths):
+        for width in (None, *PROJECTION.friction_widths):
             wide = None if width is None else width * speed
             options.append((wide, drag, samples.share(build_friction_columns(v, wide, drag))))
     best: tuple[np.ndarray, ...] = ()
@@ -217,9 +217,9 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
                     _sum_symmetric(x[:n], d),
                     dry,
                     drags,
-                    PROJECTION_FIELDS.default_friction_width * speed if wide is None else wide,
+                    PROJECTION.default_friction_width * speed if wide is None else wide,
                 )
-            if lowest < 0.1 * PROJECTION_FIELDS.tolerance:
+            if lowest < 0.1 * PROJECTION.tolerance:
                 return best
     return best
 
@@ -234,7 +234,7 @@ def _fit_smallest(
         candidate_error = error(candidate)
         if candidate_error < 0.9 * lowest:  # more functions must gain a tenth at least
             best, lowest = candidate, candidate_error
-        if candidate_error < 0.1 * PROJECTION_FIELDS.tolerance:
+        if candidate_error < 0.1 * PROJECTION.tolerance:
             break
     return best
 
@@ -305,7 +305,7 @@ def compute_acceleration_error(
 
 def rank_projection(candidate: ProjectedModel) -> tuple[int, float]:
     """Sort key: exact models first, then accurate ones by their size, then the rest by their error."""
-    if candidate.error < PROJECTION_FIELDS.tolerance:
+    if candidate.error < PROJECTION.tolerance:
         model = candidate.model
         size = model.mass.size + model.potential.size + model.damping.size + model.input_map.size
         return int(candidate.error > EXACT_ERROR), size

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import PROJECTION_FIELDS
+from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -154,7 +154,7 @@ def _fit_coefficients(
 
 def _search_structure(terms: AccelerationTerms) -> ProjectedModel:
     """Grow a linear model by the step with the least error of the acceleration, as long as it helps."""
-    region, settings = terms.region, PROJECTION_FIELDS
+    region, settings = terms.region, PROJECTION
     speed, driven = np.maximum(region.speed, 1e-12), region.n_u > 0
 
     def fit(structure: ModelStructure, width: float) -> _Candidate:

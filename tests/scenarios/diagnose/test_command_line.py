@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from lagsplat.cli.main import main
-from lagsplat.diagnose.core.config import WITHHELD
+from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Finding, Verdict
 from lagsplat.diagnose.data_quality.checks import DataCheck, PreparedSide
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
@@ -130,7 +130,7 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     assert flat.combination == ()
     assert sum(one.probability for one in flat.candidates) == pytest.approx(1.0)
     assert [one.name for one in flat.candidates] == [one.name for one in rows]
-    assert max(one.probability for one in flat.candidates) == pytest.approx(WITHHELD.max_probability)
+    assert max(one.probability for one in flat.candidates) == pytest.approx(VERDICT.max_withheld_probability)
 
 
 @pytest.mark.parametrize(
