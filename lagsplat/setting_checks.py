@@ -1,5 +1,7 @@
 """Checks of the domains of settings; the message names the key, its value and where to set it."""
 
+from collections.abc import Collection
+
 
 def require_setting(key: str, value: object, holds: bool, rule: str) -> None:
     """Raise a ValueError unless ``holds``; ``key`` is the full key, such as ``ode.rate``."""
@@ -19,3 +21,19 @@ def require_positive(config: object, group: str, *names: str) -> None:
     for name in names:
         value = getattr(config, name)
         require_setting(f"{group}.{name}", value, value > 0, "must be positive")
+
+
+def require_interval(config: object, group: str, interval: str, *names: str) -> None:
+    """Raise a ValueError unless each of these settings lies in ``interval``, such as ``(0, 1]``."""
+    low, high = (float(end) for end in interval[1:-1].split(","))
+    for name in names:
+        value = getattr(config, name)
+        above = value >= low if interval[0] == "[" else value > low
+        below = value <= high if interval[-1] == "]" else value < high
+        require_setting(f"{group}.{name}", value, above and below, f"must lie in {interval}")
+
+
+def require_choice(config: object, group: str, name: str, choices: Collection[str]) -> None:
+    """Raise a ValueError unless this setting of ``config`` is one of ``choices``."""
+    value = getattr(config, name)
+    require_setting(f"{group}.{name}", value, value in choices, f"is none of {', '.join(choices)}")

@@ -5,11 +5,15 @@ Dataclasses are not frozen: OmegaConf turns frozen ones into read-only nodes.
 
 from dataclasses import dataclass
 
-from lagsplat.setting_checks import require_least, require_positive, require_setting
+from lagsplat.setting_checks import (
+    require_choice,
+    require_interval,
+    require_least,
+    require_positive,
+    require_setting,
+)
 
 DECODERS = ("deconv", "abcd")
-LAWS = ("oscillators", "koopman")
-ORDERS = ("sequential", "shuffled")
 BASELINE_TITLES = {
     "osc_deconv": "Osc. + deconv",
     "osc_abcd": "Osc. + ABCD",
@@ -35,8 +39,7 @@ class BaselineLossConfig:
 
     def __post_init__(self) -> None:
         require_least(self, "baseline.loss", 0, *vars(self))
-        share = self.closing_from
-        require_setting("baseline.loss.closing_from", share, share <= 1, "is a fraction of the run")
+        require_interval(self, "baseline.loss", "[0, 1]", "closing_from")
 
 
 @dataclass
@@ -56,10 +59,8 @@ class BaselineRateConfig:
         require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
         require_least(self, "baseline.rate", 0, "weight_decay")
         require_least(self, "baseline.rate", 1, "warmup_stairs")
-        require_setting("baseline.rate.warmup", self.warmup, 0 <= self.warmup < 1, "is a fraction of the run")
-        require_setting(
-            "baseline.rate.drop_at", self.drop_at, 0 < self.drop_at <= 1, "is a fraction of the run"
-        )
+        require_interval(self, "baseline.rate", "[0, 1)", "warmup")
+        require_interval(self, "baseline.rate", "(0, 1]", "drop_at")
 
 
 @dataclass
@@ -83,13 +84,10 @@ class BaselineConfig:
     """Published weights instead of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
 
     def __post_init__(self) -> None:
-        for name, known in (("decoder", DECODERS), ("dynamics", LAWS), ("order", ORDERS)):
-            value = getattr(self, name)
-            require_setting(f"baseline.{name}", value, value in known, f"is none of {', '.join(known)}")
-        enough = set(self.steps) == set(DECODERS) and min(self.steps.values()) >= 1
-        require_setting(
-            "baseline.steps", self.steps, enough, f"needs at least 1 for each of {', '.join(DECODERS)}"
-        )
+        require_choice(self, "baseline", "decoder", DECODERS)
+        require_choice(self, "baseline", "dynamics", ("oscillators", "koopman"))
+        require_choice(self, "baseline", "order", ("sequential", "shuffled"))
+        _require_steps("baseline", self.steps, DECODERS)
         require_least(self, "baseline", 1, "d", "samples", "rest_frames")
         rule = "is too small: a rate of change in a batch needs three frames"
         require_setting("baseline.batch", self.batch, self.batch >= 3, rule)
@@ -126,7 +124,7 @@ class AuthorsConfig:
         if self.checkout is not None and self.python is None:
             raise ValueError(
                 f"authors.checkout={self.checkout} needs authors.python=INTERPRETER of the tool's own "
-                "environment, since its CUDA packages are not this project's"
+                "environment, which has its CUDA packages"
             )
 
 
@@ -148,11 +146,8 @@ class OdeConfig:
     def __post_init__(self) -> None:
         require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
         require_positive(self, "ode", "periods", "rate", "gradient_clip")
-        require_setting(
-            "ode.method", self.method, self.method in ("rk4", "midpoint"), "must be rk4 or midpoint"
-        )
-        share = self.final_fraction
-        require_setting("ode.final_fraction", share, 0 < share <= 1, "must lie in (0, 1]")
+        require_choice(self, "ode", "method", ("rk4", "midpoint"))
+        require_interval(self, "ode", "(0, 1]", "final_fraction")
 
 
 PHASES = ("warm_up", "free", "keys", "joint", "graph")
@@ -175,10 +170,9 @@ class MotionConfig:
     def __post_init__(self) -> None:
         counts = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours")
         require_least(self, "forecaster.motion", 1, *counts)
-        rule = f"exceeds forecaster.motion.key_points={self.key_points}"
-        require_setting(
-            "forecaster.motion.neighbours", self.neighbours, self.neighbours <= self.key_points, rule
-        )
+        enough = self.key_points >= self.neighbours
+        rule = f"must be at least forecaster.motion.neighbours={self.neighbours}"
+        require_setting("forecaster.motion.key_points", self.key_points, enough, rule)
         require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
 
 
@@ -197,6 +191,11 @@ class ForecasterRateConfig:
         _require_ends("forecaster.rate.motion", self.motion)
         _require_ends("forecaster.rate.place", self.place)
         require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
+
+
+def _require_steps(group: str, steps: dict[str, int], names: tuple[str, ...]) -> None:
+    enough = set(steps) == set(names) and min(steps.values()) >= 1
+    require_setting(f"{group}.steps", steps, enough, f"needs at least 1 for each of {', '.join(names)}")
 
 
 def _require_ends(key: str, rates: list[float]) -> None:
@@ -221,9 +220,7 @@ class GraphConfig:
         require_setting("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
         _require_ends("forecaster.graph.rate", self.rate)
         require_least(self, "forecaster.graph", 0, "noise")
-        share = self.noise_until
-        rule = "is a fraction of the training: in (0, 1]"
-        require_setting("forecaster.graph.noise_until", share, 0 < share <= 1, rule)
+        require_interval(self, "forecaster.graph", "(0, 1]", "noise_until")
 
 
 @dataclass
@@ -247,15 +244,12 @@ class ForecasterConfig:
         enough = self.n_gaussians >= self.motion.key_points
         rule = f"must be at least forecaster.motion.key_points={self.motion.key_points}"
         require_setting("forecaster.n_gaussians", self.n_gaussians, enough, rule)
-        each = set(self.steps) == set(PHASES) and min(self.steps.values()) >= 1
-        require_setting(
-            "forecaster.steps", self.steps, each, f"needs at least 1 for each of {', '.join(PHASES)}"
-        )
-        require_setting("forecaster.opacity", self.opacity, 0 < self.opacity < 1, "must lie in (0, 1)")
+        _require_steps("forecaster", self.steps, PHASES)
+        require_interval(self, "forecaster", "(0, 1)", "opacity")
         require_positive(self, "forecaster", "spatial_sigma")
-        weights = min(self.l1, self.ssim) >= 0 and self.l1 + self.ssim > 0
-        rule = f"and ssim={self.ssim} must not be negative, nor both be zero"
-        require_setting("forecaster.l1", self.l1, weights, rule)
+        require_least(self, "forecaster", 0, "l1", "ssim")
+        rule = f"and ssim={self.ssim} are both zero, so nothing draws the frames"
+        require_setting("forecaster.l1", self.l1, self.l1 + self.ssim > 0, rule)
 
     @property
     def n_steps(self) -> int:

@@ -2,6 +2,14 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import (
+    require_choice,
+    require_interval,
+    require_least,
+    require_positive,
+    require_setting,
+)
+
 
 @dataclass
 class LossConfig:
@@ -18,21 +26,12 @@ class LossConfig:
     anisotropy_limit: float  # ratio of the axes of a drawn ellipse above which the penalty starts
 
     def __post_init__(self) -> None:
-        weights = (self.l1, self.ssim, self.nonlocal_filter, self.anisotropy)
-        if min(weights) < 0 or self.l1 + self.ssim <= 0:
-            raise ValueError(
-                f"stage1.loss weights are l1={self.l1}, ssim={self.ssim}, "
-                f"nonlocal_filter={self.nonlocal_filter}, anisotropy={self.anisotropy}; "
-                "none may be negative and l1 + ssim must be positive, else nothing draws the frames"
-            )
-        if self.ssim_window < 1 or self.ssim_window % 2 == 0:
-            raise ValueError(
-                f"stage1.loss.ssim_window={self.ssim_window} must be an odd number of pixels, at least 1"
-            )
-        if self.anisotropy_limit < 1:
-            raise ValueError(
-                f"stage1.loss.anisotropy_limit={self.anisotropy_limit} is a ratio of axes: at least 1"
-            )
+        require_least(self, "stage1.loss", 0, "l1", "ssim", "nonlocal_filter", "anisotropy")
+        rule = f"and ssim={self.ssim} are both zero, so nothing draws the frames"
+        require_setting("stage1.loss.l1", self.l1, self.l1 + self.ssim > 0, rule)
+        odd = self.ssim_window > 0 and self.ssim_window % 2 == 1
+        require_setting("stage1.loss.ssim_window", self.ssim_window, odd, "must be odd and positive")
+        require_least(self, "stage1.loss", 1, "anisotropy_limit")
 
 
 @dataclass
@@ -48,14 +47,10 @@ class RateConfig:
     gradient_clip: float | None  # global norm, encoder and Gaussians separately
 
     def __post_init__(self) -> None:
-        if min(self.encoder, self.center, self.gaussian) <= 0:
-            raise ValueError("stage1.rate.encoder, .center and .gaussian must be positive step sizes")
-        if self.latent_step is not None and self.latent_step <= 0:
-            raise ValueError(
-                f"stage1.rate.latent_step={self.latent_step} must be positive, or null for no cap"
-            )
-        if not 0 < self.final_fraction <= 1:
-            raise ValueError(f"stage1.rate.final_fraction={self.final_fraction} must lie in (0, 1]")
+        require_positive(self, "stage1.rate", "encoder", "center", "gaussian")
+        valid = self.latent_step is None or self.latent_step > 0
+        require_setting("stage1.rate.latent_step", self.latent_step, valid, "must be positive, or null")
+        require_interval(self, "stage1.rate", "(0, 1]", "final_fraction")
 
 
 @dataclass
@@ -69,14 +64,10 @@ class InitConfig:
     background: str  # 'learned' or 'black'
 
     def __post_init__(self) -> None:
-        if self.encoder not in ("unfolded", "plain"):
-            raise ValueError(f"stage1.init.encoder={self.encoder!r}: choose 'unfolded' or 'plain'")
-        if self.background not in ("learned", "black"):
-            raise ValueError(f"stage1.init.background={self.background!r}: choose 'learned' or 'black'")
-        if not 0 < self.opacity < 1:
-            raise ValueError(f"stage1.init.opacity={self.opacity} must lie strictly between 0 and 1")
-        if min(self.spatial_sigma, self.latent_sigma) <= 0:
-            raise ValueError("stage1.init.spatial_sigma and .latent_sigma must be positive")
+        require_choice(self, "stage1.init", "encoder", ("unfolded", "plain"))
+        require_choice(self, "stage1.init", "background", ("learned", "black"))
+        require_interval(self, "stage1.init", "(0, 1)", "opacity")
+        require_positive(self, "stage1.init", "spatial_sigma", "latent_sigma")
 
 
 @dataclass
@@ -90,15 +81,10 @@ class LifecycleConfig:
     split_share: float  # of the recycled that split a parent; the others are teleported to large errors
 
     def __post_init__(self) -> None:
-        if self.every < 0:
-            raise ValueError(f"stage1.lifecycle.every={self.every} must be 0 (off) or a number of steps")
-        if not 0 <= self.start <= self.stop <= 1:
-            raise ValueError(
-                f"stage1.lifecycle.start={self.start} and .stop={self.stop} are fractions of the run "
-                "with 0 <= start <= stop <= 1"
-            )
-        if not 0 <= self.split_share <= 1:
-            raise ValueError(f"stage1.lifecycle.split_share={self.split_share} must lie in [0, 1]")
+        require_least(self, "stage1.lifecycle", 0, "every")
+        require_interval(self, "stage1.lifecycle", "[0, 1]", "start", "stop", "split_share")
+        rule = f"must not exceed stage1.lifecycle.stop={self.stop}"
+        require_setting("stage1.lifecycle.start", self.start, self.start <= self.stop, rule)
 
 
 @dataclass
@@ -114,16 +100,9 @@ class RenderConfig:
     batch: int
 
     def __post_init__(self) -> None:
-        if self.factor <= 1:
-            raise ValueError(
-                f"render.factor={self.factor} must exceed 1: at the recorded resolution the trained decoder "
-                "serves; take render=none"
-            )
-        if min(self.n_gaussians, self.steps, self.batch) < 1:
-            raise ValueError(
-                f"render.n_gaussians={self.n_gaussians}, render.steps={self.steps} and "
-                f"render.batch={self.batch} must be at least 1"
-            )
+        rule = "must exceed 1 (render=none draws with the trained decoder, at the recorded resolution)"
+        require_setting("render.factor", self.factor, self.factor > 1, rule)
+        require_least(self, "render", 1, "n_gaussians", "steps", "batch")
 
 
 @dataclass
@@ -144,20 +123,10 @@ class Stage1Config:
     lifecycle: LifecycleConfig
 
     def __post_init__(self) -> None:
-        counts = {
-            "d": self.d,
-            "n_gaussians": self.n_gaussians,
-            "channels": self.channels,
-            "steps": self.steps,
-            "batch": self.batch,
-        }
-        for name, value in counts.items():
-            if value < 1:
-                raise ValueError(f"stage1.{name}={value} must be at least 1")
-        if self.kernel < 2 or self.kernel % 2:
-            raise ValueError(
-                f"stage1.kernel={self.kernel} must be even, so that stride 2 halves the image exactly"
-            )
+        require_least(self, "stage1", 1, "d", "n_gaussians", "channels", "steps", "batch")
+        even = self.kernel > 0 and self.kernel % 2 == 0
+        rule = "must be even and positive, so that stride 2 halves the image exactly"
+        require_setting("stage1.kernel", self.kernel, even, rule)
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -176,15 +145,6 @@ class FieldConfig:
     neighbours: int  # whose velocities a Gaussian's is compared with
 
     def __post_init__(self) -> None:
-        """Check the domains."""
-        for key, value in vars(self).items():
-            if value <= 0:
-                raise ValueError(
-                    f"deformation.{key}={value} must be positive; set it in conf/deformation or with "
-                    f"deformation.{key}=..."
-                )
-        if self.neighbours >= self.n_gaussians:
-            raise ValueError(
-                f"deformation.neighbours={self.neighbours} must be fewer than "
-                f"deformation.n_gaussians={self.n_gaussians}"
-            )
+        require_positive(self, "deformation", *vars(self))
+        rule = f"must be fewer than deformation.n_gaussians={self.n_gaussians}"
+        require_setting("deformation.neighbours", self.neighbours, self.neighbours < self.n_gaussians, rule)

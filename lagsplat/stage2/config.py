@@ -2,6 +2,14 @@
 
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import (
+    require_choice,
+    require_interval,
+    require_least,
+    require_positive,
+    require_setting,
+)
+
 
 @dataclass
 class FormConfig:
@@ -20,26 +28,16 @@ class FormConfig:
     diffeo_lipschitz: float  # bound on every residual branch, below 1 so that the map is invertible
 
     def __post_init__(self) -> None:
-        choices = {
-            "mass": ("learned", "constant", "induced"),
-            "damping": ("learned", "constant"),
-            "potential": ("quadratic", "icnn", "invex"),
-            "actuation": ("linear", "concave", "bounded"),
-            "rest": ("learned", "fixed"),
-        }
-        for name, allowed in choices.items():
-            if getattr(self, name) not in allowed:
-                raise ValueError(
-                    f"stage2.form.{name}={getattr(self, name)!r}: choose one of {', '.join(allowed)}"
-                )
-        for name in ("matrix_width", "potential_width", "actuation_width", "diffeo_blocks", "diffeo_width"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"stage2.form.{name}={getattr(self, name)} must be at least 1")
-        if not 0 < self.diffeo_lipschitz < 1:
-            raise ValueError(
-                f"stage2.form.diffeo_lipschitz={self.diffeo_lipschitz} must lie in (0, 1): at 1 the residual "
-                "map may fold, and the potential would have several equilibria"
-            )
+        require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
+        require_choice(self, "stage2.form", "damping", ("learned", "constant"))
+        require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex"))
+        require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
+        require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
+        require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
+        require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")
+        rule = "must lie in (0, 1): at 1 the map may fold, and the potential would have several equilibria"
+        lipschitz = self.diffeo_lipschitz
+        require_setting("stage2.form.diffeo_lipschitz", lipschitz, 0 < lipschitz < 1, rule)
 
 
 @dataclass
@@ -55,12 +53,9 @@ class FloorConfig:
     stiffness: float
 
     def __post_init__(self) -> None:
-        for name in ("mass", "damping", "stiffness"):
-            if not 0 < getattr(self, name) < 1:
-                raise ValueError(
-                    f"stage2.floor.{name}={getattr(self, name)} must lie in (0, 1): without a floor the "
-                    "energy balance does not hold, and above the fitted scale it replaces the fit"
-                )
+        rule = "must lie in (0, 1): at 0 the energy balance does not hold, above 1 it would replace the fit"
+        for name, floor in vars(self).items():
+            require_setting(f"stage2.floor.{name}", floor, 0 < floor < 1, rule)
 
 
 @dataclass
@@ -75,17 +70,11 @@ class StartConfig:
     stiffness: float  # of the isotropic start, per time unit squared, for unit mass
 
     def __post_init__(self) -> None:
-        if self.source not in ("fitted", "isotropic"):
-            raise ValueError(f"stage2.start.source={self.source!r}: choose 'fitted' or 'isotropic'")
-        if self.time_unit not in ("data", "frame"):
-            raise ValueError(f"stage2.start.time_unit={self.time_unit!r}: choose 'data' or 'frame'")
-        if self.iterations < 1 or self.shooting_iterations < 0:
-            raise ValueError(
-                f"stage2.start.iterations={self.iterations} must be at least 1 and "
-                f".shooting_iterations={self.shooting_iterations} not negative"
-            )
-        if min(self.damping, self.stiffness) <= 0:
-            raise ValueError("stage2.start.damping and .stiffness must be positive")
+        require_choice(self, "stage2.start", "source", ("fitted", "isotropic"))
+        require_choice(self, "stage2.start", "time_unit", ("data", "frame"))
+        require_least(self, "stage2.start", 1, "iterations")
+        require_least(self, "stage2.start", 0, "shooting_iterations")
+        require_positive(self, "stage2.start", "damping", "stiffness")
 
 
 @dataclass
@@ -97,8 +86,8 @@ class SelectConfig:
     every: int  # optimiser steps between two scores
 
     def __post_init__(self) -> None:
-        if min(self.starts, self.every) < 1 or self.periods <= 0:
-            raise ValueError("stage2.select.starts and .every must be at least 1 and .periods positive")
+        require_least(self, "stage2.select", 1, "starts", "every")
+        require_positive(self, "stage2.select", "periods")
 
 
 @dataclass
@@ -112,14 +101,8 @@ class ShootConfig:
     anchor: float  # price on leaving the start where the clip says nothing, in present errors; 0 for none
 
     def __post_init__(self) -> None:
-        if self.steps < 0 or self.batch < 1:
-            raise ValueError(
-                f"stage2.shoot.steps={self.steps} must be 0 or more and .batch={self.batch} at least 1"
-            )
-        if min(self.lr, self.periods) <= 0:
-            raise ValueError("stage2.shoot.lr and .periods must be positive")
-        if self.anchor < 0:
-            raise ValueError(f"stage2.shoot.anchor={self.anchor} must be 0 (none) or a positive price")
+        require_least(self, "stage2.shoot", 0, "steps", "anchor")
+        require_positive(self, "stage2.shoot", "batch", "lr", "periods")
 
 
 @dataclass
@@ -143,22 +126,8 @@ class Stage2Config:
     shoot: ShootConfig
 
     def __post_init__(self) -> None:
-        if self.stride_frames < 1:
-            raise ValueError(f"stage2.stride_frames={self.stride_frames} must be at least 1 frame")
-        if not 0 < self.effort <= 1:
-            raise ValueError(f"stage2.effort={self.effort} is a share of the steps: choose it in (0, 1]")
-        if self.longest_step <= 0:
-            raise ValueError(f"stage2.longest_step={self.longest_step} must be a positive time")
-        if self.ridge <= 0:
-            raise ValueError(
-                f"stage2.ridge={self.ridge} must be positive: a direction nothing can see "
-                "would be left unconstrained"
-            )
-        if self.steps < 0 or self.batch < 1:
-            raise ValueError(
-                f"stage2.steps={self.steps} must be 0 or more and stage2.batch={self.batch} at least 1"
-            )
-        if min(self.lr, self.gradient_clip) <= 0 or self.velocity_weight < 0:
-            raise ValueError("stage2.lr and .gradient_clip must be positive, .velocity_weight not negative")
-        if not 0 < self.final_fraction <= 1:
-            raise ValueError(f"stage2.final_fraction={self.final_fraction} must lie in (0, 1]")
+        rule = "must be positive: a direction that nothing can see would be left unconstrained"
+        require_setting("stage2.ridge", self.ridge, self.ridge > 0, rule)
+        require_positive(self, "stage2", "stride_frames", "longest_step", "batch", "lr", "gradient_clip")
+        require_least(self, "stage2", 0, "velocity_weight", "steps")
+        require_interval(self, "stage2", "(0, 1]", "effort", "final_fraction")

@@ -165,7 +165,7 @@ def test_what_cannot_be_trained_is_refused(train):
         ("steps.abcd", 0, "at least 1"),
         ("batch", 2, "three frames"),
         ("loss.closing", -1, "at least 0"),
-        ("rate.warmup", 1.5, "fraction"),
+        ("rate.warmup", 1.5, r"must lie in \[0, 1\)"),
     ],
 )
 def test_values_outside_their_domain_stop_planning(key, value, words):
