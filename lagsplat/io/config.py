@@ -9,6 +9,8 @@ Krauss recording without ``path`` is downloaded from ``archive``.
 import re
 from dataclasses import dataclass
 
+from lagsplat.setting_checks import require_least, require_positive, require_setting
+
 KINDS = ("simulated", "krauss", "video", "mcap")
 TURNS = (0, 90, 180, 270)
 CLOCKS = ("header", "log")
@@ -31,20 +33,12 @@ class ArchiveConfig:
     member_sha256: dict[str, str]
 
     def __post_init__(self) -> None:
-        if not self.url.startswith(("http://", "https://")):
-            raise ValueError(
-                f"recording.archive.url is {self.url!r}, not a web address; start it with https://"
-            )
-        sums = {
-            **self.member_sha256,
-            **({"archive_sha256": self.archive_sha256} if self.archive_sha256 else {}),
-        }
-        for name, digest in sums.items():
-            if not re.fullmatch("[0-9a-f]{64}", digest):
-                raise ValueError(
-                    f"recording.archive: the SHA-256 of {name!r} is {digest!r}; "
-                    "give 64 hexadecimal digits in lower case"
-                )
+        is_address = self.url.startswith(("http://", "https://"))
+        require_setting("recording.archive.url", self.url, is_address, "must start with https://")
+        for name, digest in {**self.member_sha256, "archive_sha256": self.archive_sha256 or "0" * 64}.items():
+            rule = f"is no SHA-256 of {name!r}: it must have 64 hexadecimal digits in lower case"
+            is_digest = re.fullmatch("[0-9a-f]{64}", digest) is not None
+            require_setting("recording.archive", digest, is_digest, rule)
 
 
 @dataclass  # not frozen, for the same reason
@@ -61,19 +55,13 @@ class SplitConfig:
 
     def __post_init__(self) -> None:
         given = {name: value for name, value in vars(self).items() if value is not None}
-        if len(given) != 1:
-            raise ValueError(
-                f"recording.split is {vars(self)}; give exactly one of train_fraction, held_out_frames and "
-                "held_out_clips, and null for the others"
-            )
-        name, value = next(iter(given.items()))
-        if name == "train_fraction" and not 0.0 < value < 1.0:
-            raise ValueError(
-                f"recording.split.train_fraction is {value}; it must lie strictly between 0 and 1, "
-                "so that both parts hold frames"
-            )
-        if value <= 0:
-            raise ValueError(f"recording.split.{name} is {value}; hold out at least one")
+        rule = "must have exactly one that is not null"
+        require_setting("recording.split", vars(self), len(given) == 1, rule)
+        ((name, value),) = given.items()
+        require_setting(f"recording.split.{name}", value, value > 0, "must be above 0: hold something out")
+        if name == "train_fraction":
+            rule = "must be below 1, so that both parts hold frames"
+            require_setting("recording.split.train_fraction", value, value < 1.0, rule)
 
 
 @dataclass  # not frozen, for the same reason
@@ -90,15 +78,10 @@ class McapInputConfig:
     unit: str
 
     def __post_init__(self) -> None:
-        if not self.topic or not self.name:
-            raise ValueError(
-                f"recording.mcap.inputs: topic {self.topic!r} and name {self.name!r} must not be empty"
-            )
-        if not FIELD_PATH.fullmatch(self.field):
-            raise ValueError(
-                f"recording.mcap.inputs: field {self.field!r} is no path; write names with dots and indices "
-                "in brackets, such as wrench.force.x, data[2] or position[elbow]"
-            )
+        key, named = "recording.mcap.inputs", bool(self.topic and self.name)
+        require_setting(key, (self.topic, self.name), named, "are a topic and a name; they must not be empty")
+        rule = "is no path of a field; write names with dots and brackets, wrench.force.x or position[elbow]"
+        require_setting(key, repr(self.field), FIELD_PATH.fullmatch(self.field) is not None, rule)
 
 
 @dataclass  # not frozen, for the same reason
@@ -117,13 +100,12 @@ class McapConfig:
     max_gap_s: float
 
     def __post_init__(self) -> None:
-        if self.clock not in CLOCKS:
-            raise ValueError(f"recording.mcap.clock is {self.clock!r}; choose one of {', '.join(CLOCKS)}")
-        if not self.max_gap_s > 0.0:
-            raise ValueError(f"recording.mcap.max_gap_s is {self.max_gap_s}; give seconds, above 0")
+        known = self.clock in CLOCKS
+        require_setting("recording.mcap.clock", self.clock, known, f"must be one of {', '.join(CLOCKS)}")
+        require_positive(self, "recording.mcap", "max_gap_s")
         names = [each.name for each in self.inputs]
-        if len(set(names)) < len(names):
-            raise ValueError(f"recording.mcap.inputs are named {names}; give each a name of its own")
+        unique = len(set(names)) == len(names)
+        require_setting("recording.mcap.inputs", names, unique, "must each have a name of its own")
 
 
 @dataclass  # not frozen, for the same reason
@@ -162,57 +144,41 @@ class RecordingConfig:
     mcap: McapConfig | None
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"recording.kind is {self.kind!r}; choose one of {', '.join(KINDS)}")
-        if self.n_inputs < 0:
-            raise ValueError(f"recording.n_inputs is {self.n_inputs}; give 0 for an autonomous system")
-        if self.dt_s is not None and not 0.0 < self.dt_s < float("inf"):
-            raise ValueError(f"recording.dt_s is {self.dt_s}; give the spacing of frames in seconds, above 0")
-        if self.kind == "krauss" and self.dt_s is None:
-            raise ValueError(
-                "recording.dt_s is null, but a Krauss archive carries no timestamps; "
-                "give the spacing of frames in seconds (1001/60000 for the published ones)"
-            )
-        treated = self.rotate or self.stabilise or self.grey
-        if self.kind == "krauss" and (self.crop or self.skip_s or self.end_s or self.height or treated):
-            raise ValueError(
-                "recording.crop, skip_s, end_s, height and width cut a film, and rotate, stabilise and grey "
-                "change its pictures; a Krauss archive is used whole. Set crop, end_s, height and width to "
-                "null, skip_s and rotate to 0, stabilise and grey to false"
-            )
-        if self.kind == "mcap" and self.stabilise:
-            raise ValueError(
-                "recording.stabilise needs a film; export the camera's topic as one, or set it to false"
-            )
-        if self.kind == "mcap" and (self.mcap is None or self.mcap.camera is None):
-            raise ValueError(
-                "recording.mcap.camera is null; name the topic of the pictures, `lagsplat inspect FILE.mcap` "
-                "lists them"
-            )
-        self._check_cut()
+        self._check_kind()
+        require_least(self, "recording", 0, "n_inputs", "skip_s")
+        crop, dt_s, sides = self.crop, self.dt_s, (self.height, self.width)
+        rules = {
+            "dt_s": (dt_s is None or 0.0 < dt_s < float("inf"), "must be above 0 [s]"),
+            "rotate": (self.rotate in TURNS, f"must be one of {TURNS} [degree clockwise]"),
+            "crop": (
+                crop is None or (len(crop) == 4 and min(crop[:2]) >= 0 and min(crop[2:]) >= 1),
+                "must be [x, y, width, height] in pixels, or null",
+            ),
+            "end_s": (self.end_s is None or self.end_s > self.skip_s, f"must be after skip_s={self.skip_s}"),
+            "spans_s": (
+                self.spans_s is None or all(len(span) == 2 for span in self.spans_s or [[]]),
+                "must be [[start, stop], ...] [s], or null",
+            ),
+            "height": (
+                sides == (None, None) or min(side or 0 for side in sides) >= 1,
+                f"and width={self.width} must both be 1 or more [pixel], or both null",
+            ),
+        }
+        for name, (holds, rule) in rules.items():
+            require_setting(f"recording.{name}", getattr(self, name), holds, rule)
 
-    def _check_cut(self) -> None:
-        if self.rotate not in TURNS:
-            raise ValueError(f"recording.rotate is {self.rotate}; choose one of {TURNS} degrees clockwise")
-        if self.crop is not None and (
-            len(self.crop) != 4 or min(self.crop[:2]) < 0 or min(self.crop[2:]) < 1
-        ):
-            raise ValueError(f"recording.crop is {self.crop}; give [x, y, width, height] in pixels, or null")
-        if self.skip_s < 0.0:
-            raise ValueError(
-                f"recording.skip_s is {self.skip_s}; give seconds from the first frame, 0 or more"
-            )
-        if self.spans_s is not None and not all(len(span) == 2 for span in self.spans_s or [[]]):
-            raise ValueError(f"recording.spans_s is {self.spans_s}; give [[start, stop], ...] [s], or null")
-        if self.end_s is not None and self.end_s <= self.skip_s:
-            raise ValueError(
-                f"recording.end_s is {self.end_s}, not after skip_s = {self.skip_s}; nothing would be left"
-            )
-        if (self.height is None) != (self.width is None):
-            raise ValueError(
-                f"recording.height is {self.height} and width is {self.width}; give both, or null for both"
-            )
-        if self.height is not None and self.width is not None and min(self.height, self.width) < 1:
-            raise ValueError(
-                f"recording.height x width is {self.height} x {self.width}; give at least one pixel each"
-            )
+    def _check_kind(self) -> None:
+        known = self.kind in KINDS
+        require_setting("recording.kind", self.kind, known, f"must be one of {', '.join(KINDS)}")
+        if self.kind == "krauss":
+            rule = "but a Krauss archive carries no timestamps; the published ones have 1001/60000 [s]"
+            require_setting("recording.dt_s", None, self.dt_s is not None, rule)
+            rule = "must be null, 0 or false: a Krauss archive is used whole"
+            for name in ("rotate", "stabilise", "grey", "crop", "skip_s", "end_s", "height", "width"):
+                require_setting(f"recording.{name}", getattr(self, name), not getattr(self, name), rule)
+        if self.kind == "mcap":
+            rule = "needs a film: export the camera's topic as one, or set it to false"
+            require_setting("recording.stabilise", True, not self.stabilise, rule)
+            rule = "must name the topic of the pictures; `lagsplat inspect FILE.mcap` lists them"
+            camera = None if self.mcap is None else self.mcap.camera
+            require_setting("recording.mcap.camera", camera, camera is not None, rule)

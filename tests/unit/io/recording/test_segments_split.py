@@ -61,9 +61,9 @@ def test_too_few_frames_for_the_split(fraction: float) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ((1.0, None, None), r"train_fraction is 1\.0"),
-        ((0.0, None, None), r"train_fraction is 0\.0"),
-        ((None, 0, None), "held_out_frames is 0"),
+        ((1.0, None, None), r"train_fraction=1\.0 must be below 1"),
+        ((0.0, None, None), r"train_fraction=0\.0 must be above 0"),
+        ((None, 0, None), "held_out_frames=0 must be above 0"),
         ((None, None, None), "exactly one"),
         ((0.5, None, 1), "exactly one"),
     ],
