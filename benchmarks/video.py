@@ -20,10 +20,10 @@ import numpy as np
 from lagsplat.io.video.clips import VideoClip
 from lagsplat.io.video.decode import decode_frames, overlap_decoding
 from lagsplat.io.video.read import read_video
-from lagsplat.video_quality.frames import crop_and_resize
+from lagsplat.video_quality.frames import FrameSettings, crop_and_resize
 
 WIDTH, HEIGHT, RATE = 1920, 1080, 60.0
-CROP, SIZE = (420, 0, 1080, 1080), (128, 128)
+SETTINGS = FrameSettings(crop=(420, 0, 1080, 1080), size=(128, 128))
 ROUNDS = 5
 
 
@@ -52,16 +52,16 @@ def decode_alone(path: Path) -> None:
 
 def decode_and_shape(path: Path) -> None:
     def shape(item: Any) -> np.ndarray:
-        return crop_and_resize(item[1], crop=CROP, size=SIZE, source=str(path))
+        return crop_and_resize(item[1], SETTINGS, source=str(path))
 
-    for _ in overlap_decoding(decode_frames(VideoClip(path), dt_s=None), shape):
+    for _ in overlap_decoding(decode_frames(VideoClip(path), SETTINGS), shape):
         pass
 
 
 def read_whole(path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        read_video(path, crop=CROP, skip_s=0.0, size=SIZE)
+        read_video(path, SETTINGS)
 
 
 def seconds_of(action: Callable[[Path], None], path: Path) -> float:
@@ -74,7 +74,7 @@ def main(seconds: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         make_film(path, seconds)
-        print(f"{seconds:g} s of 1080p60, {path.stat().st_size / 1e6:.1f} MB, crop {CROP}, to {SIZE}")
+        print(f"{seconds:g} s of 1080p60, {path.stat().st_size / 1e6:.1f} MB, {SETTINGS}")
         actions = {
             "decode alone": decode_alone,
             "decode + crop + resize": decode_and_shape,

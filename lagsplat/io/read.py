@@ -4,7 +4,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.files.download import fetch_member
@@ -15,6 +14,7 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
 from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 from lagsplat.io.video.read import read_video
+from lagsplat.video_quality.frames import FrameSettings
 
 
 def read_recording(config: RecordingConfig) -> Recording:
@@ -26,72 +26,53 @@ def read_recording(config: RecordingConfig) -> Recording:
     Raises:
         ValueError, FileNotFoundError, OSError: as the reader of ``config.kind``; or no file is given.
     """
-    if config.kind not in READERS:
-        raise ValueError(f"recording.kind is {config.kind!r}; only {sorted(READERS)} are read from a file")
-    recording = READERS[config.kind](config)
+    if config.kind == "krauss":
+        recording = _read_krauss(config)
+    elif config.kind not in ("video", "mcap"):
+        raise ValueError(f"recording.kind is {config.kind!r}; only krauss, video, mcap are read from a file")
+    elif config.path is None:
+        raise ValueError("recording.path is null; name the film or the log with recording.path=FILE")
+    elif config.n_inputs and config.kind == "video":
+        raise ValueError(
+            f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; set it to 0"
+        )
+    else:
+        settings = FrameSettings(
+            crop=config.crop,
+            skip_s=config.skip_s,
+            end_s=config.end_s,
+            size=None if config.height is None or config.width is None else (config.height, config.width),
+            rotate=config.rotate,
+            grey=config.grey,
+            stabilise=config.stabilise,
+            dt_s=config.dt_s,
+        )
+        path = Path(config.path).expanduser()
+        if config.kind == "video":
+            recording = read_video(path, settings)
+        else:
+            assert config.mcap is not None, "the configuration requires it of this kind"
+            recording = read_mcap(path, config.mcap, settings)
     if config.spans_s is not None:
         recording = cut_spans(recording, config.spans_s)
     return cut_at_gaps(recording)
 
 
-def _krauss(config: RecordingConfig) -> Recording:
-    if config.dt_s is None:
-        raise ValueError("recording.dt_s is null; give the spacing of frames in seconds")
+def _read_krauss(config: RecordingConfig) -> Recording:
+    assert config.dt_s is not None, "the configuration requires it of this kind"
+    archive = config.archive
     if config.path is not None:
         path = Path(config.path).expanduser()
+    elif archive is not None and config.member is not None:
+        path = fetch_member(archive, config.member)
     else:
-        if config.archive is None or config.member is None:
-            raise ValueError(
-                "recording.path is null and no archive with a member is given; set recording.path=FILE"
-            )
-        path = fetch_member(config.archive, config.member)
+        raise ValueError(
+            "recording.path is null and no archive with a member is given; set recording.path=FILE"
+        )
     recording = read_krauss_npz(path, dt_s=config.dt_s, expected_inputs=config.n_inputs)
-    if config.archive is None or recording.meta["sha256"] not in config.archive.member_sha256.values():
+    if archive is None or recording.meta["sha256"] not in archive.member_sha256.values():
         return recording
-    return replace(
-        recording,
-        meta={**recording.meta, "licence": config.archive.licence, "source": config.archive.url},
-    )
-
-
-def _video(config: RecordingConfig) -> Recording:
-    if config.path is None:
-        raise ValueError("recording.path is null; name the film with recording.path=FILE")
-    if config.n_inputs:
-        raise ValueError(
-            f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; set it to 0"
-        )
-    return read_video(
-        config.path,
-        crop=config.crop,
-        skip_s=config.skip_s,
-        size=_size(config),
-        end_s=config.end_s,
-        dt_s=config.dt_s,
-        rotate=config.rotate,
-        grey=config.grey,
-        stabilise=config.stabilise,
-    )
-
-
-def _mcap(config: RecordingConfig) -> Recording:
-    if config.path is None or config.mcap is None:
-        raise ValueError(
-            "recording.path or recording.mcap is null; name the file with recording.path=FILE.mcap"
-        )
-    path = Path(config.path).expanduser()
-    cut: dict[str, Any] = {"crop": config.crop, "skip_s": config.skip_s, "end_s": config.end_s}
-    cut |= {"rotate": config.rotate, "grey": config.grey}
-    return read_mcap(path, config.mcap, size=_size(config), **cut)
-
-
-def _size(config: RecordingConfig) -> tuple[int, int] | None:
-    if config.height is None or config.width is None:
-        return None
-    return config.height, config.width
-
-
-READERS = {"krauss": _krauss, "video": _video, "mcap": _mcap}
+    return replace(recording, meta={**recording.meta, "licence": archive.licence, "source": archive.url})
 
 
 def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:

@@ -14,6 +14,7 @@ from lagsplat.systems.mechanism import Poses, make_mechanism
 from lagsplat.systems.rendering.painting import DrawnBody, Image, backdrop, paint_bodies
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.systems.truth import Series
+from lagsplat.video_quality.frames import FrameSettings
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
@@ -48,7 +49,7 @@ def film_clips(
         for index, clip in enumerate(poses):
             path = Path(folder) / f"{index}.{scene.container}"
             _write(path, config, camera, wall, bodies, clip, generator)
-        recording = read_video(folder, crop=None, skip_s=0.0, size=(config.height, config.width))
+        recording = read_video(folder, FrameSettings(size=(config.height, config.width)))
     written = sum(len(clip) for clip in poses)
     if recording.n_frames != written:
         raise ValueError(

@@ -1,6 +1,7 @@
 """Assess whether a video suits the method: each defect measured, with a warning and a remedy."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,18 +13,15 @@ from lagsplat.video_quality.camera_motion import CameraMotion, measure_path, tra
 from lagsplat.video_quality.continuity import (
     ExposureFlicker,
     LoopRepeat,
+    SamplingRate,
     SceneCut,
     find_exposure_flicker,
     find_loop,
     find_scene_cuts,
     measure_exposure_gain,
-)
-from lagsplat.video_quality.frames import (
-    SamplingRate,
-    Thumbnails,
-    make_small_grey,
     measure_samples_per_period,
 )
+from lagsplat.video_quality.frames import Thumbnails, make_small_grey
 
 LEAST_FRAMES = 24
 MOST_PIXELS = 20_000_000  # of all small frames together
@@ -160,17 +158,15 @@ def assess_video(
     time_s: Float64[np.ndarray, " T"],
     thumbnails: Thumbnails,
     *,
-    film_per_frame: float,
+    crop: Sequence[int] | None = None,
 ) -> VideoAssessment:
     """Measure one clip in at most a few seconds; under 24 frames it is too short for any check.
 
-    Args:
-        frames: The frames as kept.
-        time_s: Their times since the clip's first frame [s].
-        thumbnails: Of the whole images.
-        film_per_frame: Pixels of the video per pixel of a frame.
+    ``time_s`` [s] counts from the clip's first frame. ``thumbnails`` show the whole images, of which
+    ``crop`` (x, y, width, height) [pixel], or all if None, became ``frames``.
     """
-    limit = max(CAMERA_PX * film_per_frame, CAMERA_ERROR * thumbnails.scale)
+    width = thumbnails.width if crop is None else crop[2]
+    limit = max(CAMERA_PX * max(1.0, width / frames.shape[2]), CAMERA_ERROR * thumbnails.scale)
     start_s, stop_s = float(time_s[0]), float(time_s[-1])
     if len(frames) < LEAST_FRAMES:
         return VideoAssessment(None, None, (), None, None, None, limit, start_s, stop_s)
@@ -236,9 +232,8 @@ def find_foreign_object(
     limit = np.maximum(LEVELS, SPREADS * spread[still])
     covered = np.array([(np.abs(frame[still] - usual[still]) > limit).mean() for frame in grey])
     there = covered > SHARE
-    start, end = _leading(there), _leading(there[::-1])
     most = int(LARGEST * len(grey))
-    start, end = (0 if length > most else length for length in (start, end))
+    start, end = (0 if n > most else n for n in (_leading(there), _leading(there[::-1])))
     if not start and not end:
         return None
     share = max(covered[:start].max(initial=0.0), covered[len(covered) - end :].max(initial=0.0))
@@ -254,5 +249,4 @@ def _leading(there: Bool[np.ndarray, " T"]) -> int:
     if not there[:3].any():
         return 0
     absent = np.flatnonzero(np.convolve(there, np.ones(6), mode="full")[5:] == 0)
-    stop = int(absent[0]) if len(absent) else len(there)
-    return stop
+    return int(absent[0]) if len(absent) else len(there)

@@ -1,4 +1,4 @@
-"""Continuity of a video: exposure flicker, loops that repeat earlier frames, and cuts."""
+"""A video in time: exposure flicker, loops that repeat earlier frames, cuts, frames per period."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -41,18 +41,16 @@ def find_exposure_flicker(
 ) -> ExposureFlicker:
     """Spread and dominant frequency of the gain from `measure_exposure_gain`."""
     even = np.linspace(time_s[0], time_s[-1], len(time_s))
-    level = np.interp(even, time_s, gain)
-    frequencies, power = periodogram(level, fs=1.0 / (even[1] - even[0]), window="hann", nfft=8 * len(even))
-    return ExposureFlicker(
-        rms_percent=float(100.0 * gain.std() / gain.mean()), frequency_hz=float(frequencies[np.argmax(power)])
-    )
+    level, rate_hz = np.interp(even, time_s, gain), 1.0 / (even[1] - even[0])
+    frequencies, power = periodogram(level, fs=rate_hz, window="hann", nfft=8 * len(even))
+    return ExposureFlicker(float(100.0 * gain.std() / gain.mean()), float(frequencies[np.argmax(power)]))
 
 
-SIDE = 24  # pixels: enough to distinguish two instants of a motion
+LOOP_SIDE = 24  # pixels: enough to distinguish two instants of a motion
 CLOSE = 0.25  # frames are equal if they differ by less than this share of the median step between frames
 MOVING = 0.5  # a stretch counts if it moves at least by this share of the median step
 LEAST_S, LEAST_FRAMES = 0.5, 12
-MOST_FRAMES = 4000  # limit, because all pairs are compared
+MOST_LOOP_FRAMES = 4000  # limit, because all pairs are compared
 
 
 @dataclass(frozen=True)
@@ -70,10 +68,10 @@ def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " 
     A strictly periodic motion, in whole frames and without noise, also counts as a repetition. Videos of
     more than 4000 frames are not searched.
     """
-    if not 2 * LEAST_FRAMES < len(grey) <= MOST_FRAMES:
+    if not 2 * LEAST_FRAMES < len(grey) <= MOST_LOOP_FRAMES:
         return None
-    small = np.stack([cv2.resize(frame, (SIDE, SIDE), interpolation=cv2.INTER_AREA) for frame in grey])
-    flat = small.reshape(len(small), -1) - small.reshape(len(small), -1).mean(axis=0)
+    small = _shrink(grey, LOOP_SIDE)
+    flat = small - small.mean(axis=0)
     step = np.linalg.norm(np.diff(flat, axis=0), axis=1)
     usual = float(np.median(step))
     if usual == 0.0:
@@ -81,15 +79,20 @@ def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " 
     power = (flat**2).sum(axis=1)
     apart = np.sqrt(np.maximum(power[:, None] + power[None] - 2.0 * flat @ flat.T, 0.0))
     least = max(LEAST_FRAMES, round(LEAST_S / float(np.median(np.diff(time_s)))))
-    best, found = least - 1, None
+    longest, repeat = least - 1, None
     for lag in range(least, len(grey) - least):
         start, stop = _longest_run(np.diagonal(apart, lag) < CLOSE * usual)
-        if stop - start > best and np.median(step[start : stop - 1]) > MOVING * usual:
-            best, found = stop - start, (start, stop, lag)
-    if found is None:
-        return None
-    start, stop, lag = found
-    return LoopRepeat(float(time_s[start + lag]), float(time_s[stop - 1 + lag]), float(time_s[start]))
+        if stop - start > longest and np.median(step[start : stop - 1]) > MOVING * usual:
+            longest = stop - start
+            repeat = LoopRepeat(
+                float(time_s[start + lag]), float(time_s[stop - 1 + lag]), float(time_s[start])
+            )
+    return repeat
+
+
+def _shrink(grey: Float32[np.ndarray, "T h w"], side: int) -> Float32[np.ndarray, "T n"]:
+    """The pixels of each frame after averaging it to ``side`` x ``side``."""
+    return np.stack([cv2.resize(f, (side, side), interpolation=cv2.INTER_AREA).ravel() for f in grey])
 
 
 def _longest_run(true: Bool[np.ndarray, " n"]) -> tuple[int, int]:
@@ -141,3 +144,83 @@ def find_scene_cuts(
 def _excess(difference: Float32[np.ndarray, "h w"], limit: float) -> float:
     """Mean change beyond ``limit``, the change that noise and compression cause in a static image."""
     return float(np.maximum(np.abs(difference) - limit, 0.0).mean(dtype=np.float64))
+
+
+SIDE = 32  # pixels
+MOST_FRAMES = 1200  # of a stretch: all pairs are multiplied
+COMPONENTS = 5
+BAND = 0.12  # half width of a spectral line with side lobes, as a share of its frequency
+LEAST_SHARE = 0.01  # share of the variance that a band must contain to be a motion
+CONTRAST = 3.0  # ratio to the density of the bands on either side
+SUBHARMONIC = 0.25  # share of a band's power that makes its half or third the fundamental
+PADDING = 8
+
+
+@dataclass(frozen=True)
+class SamplingRate:
+    """Dominant period [s] of the motion, and frames per period."""
+
+    period_s: float
+    samples: float
+
+
+def measure_samples_per_period(
+    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
+) -> SamplingRate | None:
+    """The period at which the leading principal components of the frames have most kinetic energy.
+
+    Energy is power times squared frequency: a slow push may be large and still not be the motion. A small
+    object that crosses many pixels has overtones, so half or a third of the frequency is preferred if it has
+    power; near the Nyquist limit such overtones alias and can hide the period. None if no band stands out of
+    the noise.
+    """
+    grey, time_s = grey[:MOST_FRAMES], time_s[:MOST_FRAMES]
+    flat = _shrink(grey, SIDE).astype(np.float64)
+    flat -= flat.mean(axis=0)
+    values, vectors = np.linalg.eigh(flat @ flat.T)
+    if values[-1] <= 1e-9:
+        return None
+    even = np.linspace(time_s[0], time_s[-1], len(time_s))
+    spacing_s = float(even[1] - even[0])
+    power = np.zeros(PADDING * len(even) // 2 + 1)
+    for value, vector in zip(values[-COMPONENTS:], vectors.T[-COMPONENTS:], strict=True):
+        component = np.interp(even, time_s, vector)
+        spectrum = np.fft.rfft((component - component.mean()) * np.hanning(len(even)), PADDING * len(even))
+        power += max(float(value), 0.0) * np.abs(spectrum) ** 2
+    frequency = np.fft.rfftfreq(PADDING * len(even), spacing_s)
+    slowest = 1.5 / (even[-1] - even[0])
+    power[frequency < slowest] = 0.0
+    band = _strongest_band(frequency, power, slowest)
+    if band is None:
+        return None
+    near = (frequency > (1 - BAND) * band) & (frequency < (1 + BAND) * band)
+    centre = float(frequency[near][np.argmax(power[near])])
+    return SamplingRate(period_s=1.0 / centre, samples=1.0 / (centre * spacing_s))
+
+
+def _strongest_band(
+    frequency: Float64[np.ndarray, " F"], power: Float64[np.ndarray, " F"], slowest: float
+) -> float | None:
+    """Centre of the band with most kinetic energy among those that stand out, or its subharmonic."""
+
+    def density(low: float, high: float) -> float:
+        inside = (frequency > low) & (frequency < high)
+        return float(power[inside].mean()) if inside.any() else 0.0
+
+    def content(centre: float, weight: Float64[np.ndarray, " F"]) -> float:
+        return float(weight[(frequency > (1 - BAND) * centre) & (frequency < (1 + BAND) * centre)].sum())
+
+    best, most = None, 0.0
+    for centre in np.geomspace(slowest, frequency[-1], 150):
+        flanks = max(density(0.6 * centre, 0.8 * centre), density(1.25 * centre, 1.6 * centre))
+        stands_out = density((1 - BAND) * centre, (1 + BAND) * centre) > CONTRAST * flanks
+        kinetic = content(centre, power * frequency**2)
+        if stands_out and kinetic > most and content(centre, power) > LEAST_SHARE * power.sum():
+            best, most = float(centre), kinetic
+    while best is not None:
+        parts = [part for part in (best / 2, best / 3) if part > slowest]
+        below = [part for part in parts if content(part, power) > SUBHARMONIC * content(best, power)]
+        if not below:
+            break
+        best = max(below, key=lambda part: content(part, power))
+    return best

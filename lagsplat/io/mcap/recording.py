@@ -8,9 +8,7 @@ damaged file is read, with a warning of what is lost.
 import difflib
 import os
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -35,31 +33,14 @@ from lagsplat.io.mcap.recovery import read_whole_messages
 from lagsplat.io.recording.alignment import InputLog, align_log
 from lagsplat.io.recording.recording import Recording
 from lagsplat.video_quality.assessment import assess_video
-from lagsplat.video_quality.frames import Thumbnails, crop_and_resize, rotate_image
+from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
 
 
-def read_mcap(
-    path: str | os.PathLike[str],
-    topics: McapConfig,
-    *,
-    crop: Sequence[int] | None,
-    skip_s: float,
-    size: tuple[int, int] | None,
-    end_s: float | None = None,
-    rotate: int = 0,
-    grey: bool = False,
-    licence: str = "unknown",
-) -> Recording:
+def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameSettings) -> Recording:
     """Read the recording in the MCAP file at ``path``.
 
     Dropped, each with a warning that counts them: repeated stamps, images that cannot be decoded, numbers
     that are not finite, and frames outside the inputs or in a gap.
-
-    Args:
-        path: The file.
-        topics: Camera and inputs.
-        crop, skip_s, size, end_s, rotate, grey: As in `lagsplat.io.video.read.read_video`.
-        licence: Kept in the recording's ``meta``.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
@@ -69,14 +50,29 @@ def read_mcap(
     """
     path = Path(path)
     thumbnails = Thumbnails()
-    given: dict[str, Any] = {"crop": crop, "size": size, "grey": grey, "source": str(path)}
-    with CameraReader(str(topics.camera), partial(_shaped, rotate, thumbnails, given)) as camera:
-        log = _Log(path, topics, camera, skip_s=skip_s, end_s=end_s).read()
-    numbers, frame_s = log.shown()
+
+    def make_frame(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "H W 3"]:
+        picture = rotate_image(picture, settings.rotate)
+        thumbnails.add(picture)
+        return crop_and_resize(picture, settings, source=str(path))
+
+    with CameraReader(str(topics.camera), make_frame) as camera:
+        log = _Log(path, topics, camera, settings)
+        log.read()
+    numbers, frame_s = log.frame_times()
     logs = [log.samples(each) for each in topics.inputs]
     aligned = align_log(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
-    time_s = frame_s[aligned.kept]
-    frames = _stacked(path, [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]])
+    pictures = [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]]
+    sizes = {picture.shape[:2] for picture in pictures}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width); give "
+            "recording.height and recording.width"
+        )
+    frames, time_s = np.stack(pictures), frame_s[aligned.kept]
+    footage = assess_video(frames, time_s, thumbnails, crop=settings.crop)
+    for sentence in footage.warnings:
+        warnings.warn(f"{path}: {sentence}", stacklevel=3)
     return Recording(
         frames=frames,
         time_s=time_s,
@@ -88,89 +84,43 @@ def read_mcap(
             "origin": "filmed",
             "source": path.name,
             "sha256": sha256_of(path),
-            "licence": licence,
-            "crop": None if crop is None else list(crop),
-            "skip_s": skip_s,
-            "end_s": end_s,
+            "licence": "unknown",
+            "crop": None if settings.crop is None else list(settings.crop),
+            "skip_s": settings.skip_s,
+            "end_s": settings.end_s,
             "camera": camera.topic,
             "clock": topics.clock,
             "max_gap_s": topics.max_gap_s,
             "start_ns": log.start_ns,
-            "rotate": rotate,
-            "grey": grey,
+            "rotate": settings.rotate,
+            "grey": settings.grey,
             "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
-            "footage": [_footage(path, frames, time_s, thumbnails, crop)],
+            "footage": [footage.numbers],
         },
     )
 
 
-def _shaped(
-    rotate: int, thumbnails: Thumbnails, given: dict[str, Any], picture: UInt8[np.ndarray, "h w 3"]
-) -> UInt8[np.ndarray, "H W 3"]:
-    turned = rotate_image(picture, rotate)
-    thumbnails.add(turned)
-    return crop_and_resize(turned, **given)
-
-
-def _footage(
-    path: Path, frames: np.ndarray, time_s: np.ndarray, thumbnails: Thumbnails, crop: Sequence[int] | None
-) -> dict[str, Any]:
-    width = thumbnails.width if crop is None else crop[2]
-    found = assess_video(frames, time_s, thumbnails, film_per_frame=max(1.0, width / frames.shape[2]))
-    for sentence in found.warnings:
-        warnings.warn(f"{path}: {sentence}", stacklevel=3)
-    return found.numbers
-
-
-def _stacked(path: Path, pictures: list[np.ndarray]) -> np.ndarray:
-    sizes = {picture.shape[:2] for picture in pictures}
-    if len(sizes) > 1:
-        raise ValueError(
-            f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width); give "
-            "recording.height and recording.width"
-        )
-    return np.stack(pictures)
-
-
 class _Log:
-    """Results of one pass over the file: images, and stamps and values of every topic in use."""
+    """One pass over the file: images of the camera, and stamps and values of every topic in use."""
 
-    def __init__(
-        self, path: Path, topics: McapConfig, camera: CameraReader, *, skip_s: float, end_s: float | None
-    ) -> None:
-        self.path, self.topics, self.camera = path, topics, camera
-        self.start_ns = 0
-        self.cut = f"with skip_s = {skip_s} and end_s = {end_s}"
-        self.stamps = {
+    def __init__(self, path: Path, topics: McapConfig, camera: CameraReader, settings: FrameSettings) -> None:
+        self.path, self.clock, self.camera, self.settings = path, topics.clock, camera, settings
+        self.start_ns = 0  # time of the camera's first message
+        self._stamps = {
             topic: Timestamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
         }
-        self._skip_ns = round(1e9 * skip_s)
-        self._end_ns = None if end_s is None else round(1e9 * end_s)
         self._values: dict[tuple[str, str], list[float]] = {
             (each.topic, each.field): [] for each in topics.inputs
         }
-        self._instants: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
-    def shown(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
-        """Numbers of the camera messages whose image is kept, and their times [s]."""
-        frame_ns, fresh = self.instants(self.camera.topic)
-        numbers = np.flatnonzero(fresh)
-        kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
-        if not kept.any():
-            raise ValueError(
-                f"{self.path}: no frame to keep; topic {self.camera.topic} has "
-                f"{len(self.stamps[self.camera.topic].log_ns)} messages, {self.cut}. Check the cut"
-            )
-        return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
-
-    def read(self) -> "_Log":
-        """Read the file once; return itself."""
+    def read(self) -> None:
+        """Read the file once."""
         decoders, losses, last_ns = Decoders(), list[str](), 0
         there: dict[str, int] = {}
         for schema, channel, message in read_whole_messages(self.path, losses):
             there[channel.topic] = there.get(channel.topic, 0) + 1
             last_ns = max(last_ns, message.log_time)
-            if channel.topic in self.stamps:
+            if channel.topic in self._stamps:
                 try:
                     decoded = decoders.decode(schema, channel, message)
                     self._take(channel.topic, decoded, schema.name if schema else "", message.log_time)
@@ -181,7 +131,15 @@ class _Log:
                 f"damaged: {'; '.join(losses)}. {sum(there.values())} messages are whole, the last one "
                 f"logged at {last_ns / 1e9:.3f} s"
             )
-        self._require_all(there)
+        for topic in self._stamps:
+            if topic not in there:
+                near = difflib.get_close_matches(topic, there, n=1)
+                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                listed = ", ".join(f"{name} ({count})" for name, count in sorted(there.items())) or "none"
+                raise ValueError(
+                    f"{self.path}: no message on topic {topic!r}{hint}; topics with messages: {listed}. Set "
+                    "recording.mcap.camera, or the topic in recording.mcap.inputs"
+                )
         try:
             self.camera.finish()
         except ValueError as error:
@@ -190,38 +148,13 @@ class _Log:
             self._warn(
                 f"{len(damaged)} pictures cannot be decoded and are dropped; the first is {damaged[0]}"
             )
-        return self
-
-    def instants(self, topic: str) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
-        """Times of a topic [ns] and the messages they belong to, up to the first one after the cut."""
-        if topic not in self._instants:
-            stamps = self.stamps[topic]
-            if self._end_ns is not None:
-                # Messages after the cut are not checked: they may be the reason for the cut.
-                last = self.start_ns + self._end_ns
-                now = enumerate(stamps.chosen(self.topics.clock))
-                late = (i for i, time in now if time is not None and time >= last)
-                stamps = stamps.upto(next(late, len(stamps.log_ns)) + 1)
-            self._instants[topic] = choose_timestamps(stamps, clock=self.topics.clock, source=str(self.path))
-        return self._instants[topic]
-
-    def samples(self, source: McapInputConfig) -> InputLog:
-        """Samples of one input, in seconds from the camera's first message."""
-        times, fresh = self.instants(source.topic)
-        values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
-        finite = np.isfinite(values)
-        if not finite.all():
-            self._warn(
-                f"topic {source.topic}: {(~finite).sum()} of {len(values)} values of {source.field} are not "
-                "finite and are taken as missing"
-            )
-        return InputLog(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
+        self._times = {topic: self._choose_times(stamps) for topic, stamps in self._stamps.items()}
 
     def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
         header_ns = read_stamp_ns(message)
-        self.stamps[topic].add(header_ns, log_ns)
+        self._stamps[topic].add(header_ns, log_ns)
         if topic == self.camera.topic:
-            self._take_picture(message, schema_name, header_ns if self.topics.clock == "header" else log_ns)
+            self._take_picture(message, schema_name, header_ns if self.clock == "header" else log_ns)
         for (each, path), values in self._values.items():
             if each == topic:
                 try:
@@ -234,22 +167,46 @@ class _Log:
             raise ValueError(
                 f"topic {self.camera.topic}: a message carries no stamp; use recording.mcap.clock=log"
             )
-        if len(self.stamps[self.camera.topic].log_ns) == 1:
+        if len(self._stamps[self.camera.topic].log_ns) == 1:
             self.start_ns = now_ns
-        since = now_ns - self.start_ns
-        wanted = self._skip_ns <= since and (self._end_ns is None or since < self._end_ns)
+        since, end_s = now_ns - self.start_ns, self.settings.end_s
+        wanted = since >= round(1e9 * self.settings.skip_s) and (end_s is None or since < round(1e9 * end_s))
         self.camera.add(message, schema_name, wanted=wanted)
 
-    def _require_all(self, there: dict[str, int]) -> None:
-        for topic, stamps in self.stamps.items():
-            if not stamps.log_ns:
-                near = difflib.get_close_matches(topic, there, n=1)
-                hint = f" (did you mean {near[0]!r}?)" if near else ""
-                found = ", ".join(f"{name} ({count})" for name, count in sorted(there.items())) or "none"
-                raise ValueError(
-                    f"{self.path}: no message on topic {topic!r}{hint}; topics with messages: {found}. Set "
-                    "recording.mcap.camera, or the topic in recording.mcap.inputs"
-                )
+    def frame_times(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
+        """Numbers of the camera messages whose image is kept, and their times [s]."""
+        frame_ns, fresh = self._times[self.camera.topic]
+        numbers = np.flatnonzero(fresh)
+        kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
+        if not kept.any():
+            raise ValueError(
+                f"{self.path}: no frame to keep; topic {self.camera.topic} has "
+                f"{len(self._stamps[self.camera.topic].log_ns)} messages, with skip_s = "
+                f"{self.settings.skip_s} and end_s = {self.settings.end_s}. Check the cut"
+            )
+        return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
+
+    def samples(self, source: McapInputConfig) -> InputLog:
+        """Samples of one input, in seconds from the camera's first message."""
+        times, fresh = self._times[source.topic]
+        values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
+        finite = np.isfinite(values)
+        if not finite.all():
+            self._warn(
+                f"topic {source.topic}: {(~finite).sum()} of {len(values)} values of {source.field} are not "
+                "finite and are taken as missing"
+            )
+        return InputLog(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
+
+    def _choose_times(self, stamps: Timestamps) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
+        """Times of a topic [ns] and the messages they belong to, up to the first one after the cut."""
+        if self.settings.end_s is not None:
+            # Messages after the cut are not checked: they may be the reason for the cut.
+            end_ns = self.start_ns + round(1e9 * self.settings.end_s)
+            chosen = enumerate(stamps.chosen(self.clock), 1)
+            late = (count for count, time in chosen if time is not None and time >= end_ns)
+            stamps = stamps.upto(next(late, len(stamps.log_ns)))
+        return choose_timestamps(stamps, clock=self.clock, source=str(self.path))
 
     def _warn(self, text: str) -> None:
         warnings.warn(f"{self.path}: {text}", stacklevel=4)

@@ -12,6 +12,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -21,9 +22,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from lagsplat.io.video.clips import VideoClip
+from lagsplat.video_quality.frames import FrameSettings
 
-BOX_HEADER = 8
-LONG_BOX_HEADER = 16
+BOX_HEADER, LONG_BOX_HEADER = 8, 16  # bytes
 
 
 def count_missing_bytes(path: str | os.PathLike[str]) -> int | None:
@@ -60,23 +61,16 @@ def count_missing_bytes(path: str | os.PathLike[str]) -> int | None:
 Pictures = Iterator[tuple[float, UInt8[np.ndarray, "H W 3"] | None]]
 
 
-def decode_frames(
-    clip: VideoClip, *, skip_s: float = 0.0, end_s: float | None = None, dt_s: float | None
-) -> Pictures:
-    """Yield time [s] and image (BGR) of each frame; None instead of images before ``skip_s``.
+def decode_frames(clip: VideoClip, settings: FrameSettings) -> Pictures:
+    """Yield time [s] and image (BGR) of each frame before ``end_s``; None for images before ``skip_s``.
 
     A truncated video gives its complete frames, with a warning.
-
-    Args:
-        clip: The clip.
-        skip_s, end_s: Start and (exclusive) end [s from the clip's first frame].
-        dt_s: Spacing of images without a table of times; None for videos.
 
     Raises:
         ValueError: a file cannot be decoded, times do not strictly increase or are unknown, or the images of
             a folder differ in size.
     """
-    return _images(clip, skip_s, end_s, dt_s) if clip.images else _film(clip.path, skip_s, end_s, dt_s)
+    return _images(clip, settings) if clip.images else _film(clip.path, settings)
 
 
 def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
@@ -85,34 +79,32 @@ def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
     Raises:
         ValueError: as `decode_frames`; or there is no image.
     """
-    pictures = decode_frames(clip, dt_s=dt_s)
-    try:
-        for _, picture in pictures:
-            assert picture is not None, "nothing was skipped"
-            return picture.shape[0], picture.shape[1]
-    finally:
-        pictures.close()  # type: ignore[attr-defined]  # a generator
-    raise ValueError(f"{clip.path}: no frame to keep; 0 were read. Check the file")
+    with closing(decode_frames(clip, FrameSettings(dt_s=dt_s))) as pictures:  # type: ignore[type-var]
+        _, picture = next(pictures, (0.0, None))
+    if picture is None:
+        raise ValueError(f"{clip.path}: no frame to keep; 0 were read. Check the file")
+    return picture.shape[0], picture.shape[1]
 
 
-def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
-    if dt_s is not None:
+def _film(path: Path, settings: FrameSettings) -> Pictures:
+    if settings.dt_s is not None:
         raise ValueError(
-            f"{path}: recording.dt_s is {dt_s}, but a film's own timestamps are used; set recording.dt_s=null"
+            f"{path}: recording.dt_s is {settings.dt_s}, but a film's own timestamps are used; set "
+            "recording.dt_s=null"
         )
     capture = cv2.VideoCapture(str(path))
     try:
+        lacking = count_missing_bytes(path)
         if not capture.isOpened():
-            lacking = count_missing_bytes(path)
             why = f": {lacking} bytes and with them its index are missing at its end" if lacking else ""
             raise ValueError(
                 f"{path}: OpenCV cannot open it; it is truncated or not a film, or its codec is unknown"
                 f"{why}. Fetch it again, or re-encode it (ffmpeg -i FILE -c:v libx264 -crf 12 NEW.mp4)"
             )
         times: list[float] = []
-        # The last frame of a truncated file may be incomplete, and no decoder reports it.
-        doubtful = bool(count_missing_bytes(path))
-        held: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
+        # The last frame of a truncated file may be incomplete, and no decoder reports it: a frame of such a
+        # file waits until the next one is there.
+        waiting: tuple[float, UInt8[np.ndarray, "H W 3"]] | None = None
         while capture.grab():
             # The position is that of the frame just grabbed, independent of the header's frame rate.
             time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
@@ -122,51 +114,52 @@ def _film(path: Path, skip_s: float, end_s: float | None, dt_s: float | None) ->
                     f"{times[-1]:.6f} s; times must strictly increase. Remux the film, or cut it with end_s"
                 )
             times.append(time_s)
-            if held is not None:
-                yield held
-                held = None
-            if end_s is not None and time_s - times[0] >= end_s:
+            if waiting is not None:
+                yield waiting
+                waiting = None
+            if settings.end_s is not None and time_s - times[0] >= settings.end_s:
                 return
-            if time_s - times[0] < skip_s:
+            if time_s - times[0] < settings.skip_s:
                 yield time_s, None
                 continue
             whole, picture = capture.retrieve()
             if not whole:
                 times.pop()
                 break
-            if doubtful:
-                held = time_s, picture
+            if lacking:
+                waiting = time_s, picture
             else:
                 yield time_s, picture
-        if held is not None:
+        if waiting is not None:
             times.pop()
         if times:
             announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-            _warn_if_short(path, n_read=len(times), announced=announced, last_s=times[-1])
+            _warn_if_short(path, times, lacking=lacking, announced=announced)
     finally:
         capture.release()
 
 
-def _warn_if_short(path: Path, *, n_read: int, announced: int, last_s: float) -> None:
-    lacking = count_missing_bytes(path)
-    if lacking is None and n_read < announced:
-        reason = f"its header announces {announced}"
-    elif lacking:
+def _warn_if_short(path: Path, times: Sequence[float], *, lacking: int | None, announced: int) -> None:
+    if lacking:
         reason = (
             f"{lacking} bytes are missing at the end of the file, and the frame before the break is left out"
         )
+    elif lacking is None and len(times) < announced:
+        reason = f"its header announces {announced}"
     else:
         return
-    warnings.warn(f"{path}: only {n_read} frames are whole, up to {last_s:.3f} s; {reason}", stacklevel=4)
+    warnings.warn(
+        f"{path}: only {len(times)} frames are whole, up to {times[-1]:.3f} s; {reason}", stacklevel=4
+    )
 
 
-def _images(clip: VideoClip, skip_s: float, end_s: float | None, dt_s: float | None) -> Pictures:
-    times = _times_of(clip, dt_s)
+def _images(clip: VideoClip, settings: FrameSettings) -> Pictures:
+    times = _times_of(clip, settings.dt_s)
     shape: tuple[int, ...] | None = None
     for time_s, path in zip(times, clip.images, strict=True):
-        if end_s is not None and time_s - times[0] >= end_s:
+        if settings.end_s is not None and time_s - times[0] >= settings.end_s:
             return
-        if time_s - times[0] < skip_s:
+        if time_s - times[0] < settings.skip_s:
             yield time_s, None
             continue
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)

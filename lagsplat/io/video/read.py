@@ -4,11 +4,11 @@ Images are rotated, stabilised, cropped, resized and checked one by one as they 
 in memory at full size. Crops are in coordinates of the rotated image.
 """
 
-import hashlib
 import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,74 +21,37 @@ from lagsplat.io.files.atomic import replace_atomically, sha256_of
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.clips import VideoClip, find_clips
 from lagsplat.io.video.decode import (
-    Pictures,
     count_duplicates_at_start,
     decode_frames,
     overlap_decoding,
     read_frame_size,
 )
-from lagsplat.video_quality.assessment import VideoAssessment, assess_video
+from lagsplat.provenance import sha256_hex
+from lagsplat.video_quality.assessment import assess_video
 from lagsplat.video_quality.camera_motion import path_to_undo, shift_back
-from lagsplat.video_quality.frames import Thumbnails, crop_and_resize, rotate_image
+from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
 
-Frame = UInt8[np.ndarray, "H W 3"]
+Picture = UInt8[np.ndarray, "H W 3"]
 CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
 SAME_SHAPE = 0.01  # largest relative difference of equal aspect ratios, and of equal frame spacings
 
 
 @dataclass(frozen=True)
-class _Treatment:
-    """Processing of every image and clip; fields as in `read_video`."""
-
-    crop: Sequence[int] | None
-    skip_s: float
-    size: tuple[int, int] | None
-    end_s: float | None
-    dt_s: float | None
-    rotate: int
-    grey: bool
-    stabilise: bool
-
-
-@dataclass(frozen=True)
 class _Film:
-    """One clip as read: frames, their times [s], quality and metadata."""
+    """One clip as read: frames, their times [s], its quality and other metadata."""
 
     frames: UInt8[np.ndarray, "T H W 3"]
     time_s: Float64[np.ndarray, " T"]
-    footage: VideoAssessment
+    footage: dict[str, Any]
     meta: dict[str, Any]
 
 
-def read_video(
-    path: str | os.PathLike[str],
-    *,
-    crop: Sequence[int] | None,
-    skip_s: float,
-    size: tuple[int, int] | None,
-    end_s: float | None = None,
-    dt_s: float | None = None,
-    rotate: int = 0,
-    grey: bool = False,
-    stabilise: bool = False,
-    licence: str = "unknown",
-) -> Recording:
+def read_video(path: str | os.PathLike[str], settings: FrameSettings) -> Recording:
     """Read the video, folder of videos or folder of images at ``path``, without inputs.
 
     Each video of a folder is a clip. Times are those of the container; each later clip is shifted to start 1
     s after the previous one. Leading duplicates are dropped. Defects cause warnings and are kept in
     ``meta["footage"]``, by clip.
-
-    Args:
-        path: A file or folder.
-        crop: (x, y, width, height) [pixel of the rotated video]; None keeps the whole image.
-        skip_s, end_s: Keep frames from and up to (exclusive) these times [s from each clip's first frame].
-        size: (height, width) after averaging over areas; None keeps the cropped size.
-        dt_s: Spacing of images without a times.csv; None for videos.
-        rotate: Clockwise [degree], on top of the file's own tag.
-        grey: Make the three channels equal.
-        stabilise: Shift every image back onto the clip's first by the motion of the background.
-        licence: Kept in ``meta``.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
@@ -97,57 +60,58 @@ def read_video(
             background to stabilise on.
     """
     clips = find_clips(path)
-    treatment = _Treatment(crop, skip_s, size, end_s, dt_s, rotate, grey, stabilise)
-    treatment = _with_common_size(clips, treatment)
-    films = [_read_clip(clip, treatment) for clip in clips]
+    settings = _with_common_size(clips, settings)
+    films = [_read_clip(clip, settings) for clip in clips]
     _warn_of_spacings(clips, films)
-    times, stops = _one_clock(films)
+    times = [films[0].time_s]
+    for film in films[1:]:
+        times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
+    stops = np.cumsum([len(part) for part in times]).tolist()
+    digests = [sha256_of(file) for clip in clips for file in clip.files]
     return Recording(
         frames=films[0].frames if len(films) == 1 else np.concatenate([film.frames for film in films]),
-        time_s=times,
-        inputs=np.zeros((len(times), 0)),
+        time_s=np.concatenate(times),
+        inputs=np.zeros((stops[-1], 0)),
         input_names=(),
         input_units=(),
-        segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+        segments=tuple(pairwise([0, *stops])),
         meta={
             "origin": "filmed",
             "source": Path(path).name,
-            "sha256": _sha256_of_all(clips),
-            "licence": licence,
-            "crop": None if crop is None else list(crop),
-            "skip_s": skip_s,
-            "end_s": end_s,
-            "rotate": rotate,
-            "grey": grey,
-            "stabilise": stabilise,
+            "sha256": digests[0] if len(digests) == 1 else sha256_hex("".join(digests).encode()),
+            "licence": "unknown",
+            "crop": None if settings.crop is None else list(settings.crop),
+            "skip_s": settings.skip_s,
+            "end_s": settings.end_s,
+            "rotate": settings.rotate,
+            "grey": settings.grey,
+            "stabilise": settings.stabilise,
             "clip_gap_s": CLIP_GAP_S if len(clips) > 1 else None,
             "clips": [film.meta for film in films],
-            "footage": [film.footage.numbers for film in films],
+            "footage": [film.footage for film in films],
         },
     )
 
 
-def _read_clip(clip: VideoClip, treatment: _Treatment) -> _Film:
-    source, crop = str(clip.path), treatment.crop
-    undo = iter(_measure_path(clip, treatment)) if treatment.stabilise else None
+def _read_clip(clip: VideoClip, settings: FrameSettings) -> _Film:
+    source = str(clip.path)
+    displacements = iter(_measure_path(clip, settings)) if settings.stabilise else None
     thumbnails = Thumbnails()
 
-    def treat(item: tuple[float, UInt8[np.ndarray, "h w 3"] | None]) -> tuple[float, Frame | None]:
+    def make_frame(item: tuple[float, UInt8[np.ndarray, "h w 3"] | None]) -> tuple[float, Picture | None]:
         time_s, picture = item
         if picture is None:
             return time_s, None
-        picture = rotate_image(picture, treatment.rotate)
-        if undo is not None:
-            picture = shift_back(picture, next(undo))
+        picture = rotate_image(picture, settings.rotate)
+        if displacements is not None:
+            picture = shift_back(picture, next(displacements))
         thumbnails.add(picture)
-        return time_s, crop_and_resize(
-            picture, crop=crop, size=treatment.size, source=source, grey=treatment.grey
-        )
+        return time_s, crop_and_resize(picture, settings, source=source)
 
     clock: list[float] = []
     times: list[float] = []
-    frames: list[Frame] = []
-    for time_s, frame in overlap_decoding(_decode(clip, treatment), treat):
+    frames: list[Picture] = []
+    for time_s, frame in overlap_decoding(decode_frames(clip, settings), make_frame):
         clock.append(time_s)
         if frame is not None:
             times.append(time_s)
@@ -155,32 +119,25 @@ def _read_clip(clip: VideoClip, treatment: _Treatment) -> _Film:
     if not frames:
         raise ValueError(
             f"{source}: no frame to keep; {len(clock)} were read, from {min(clock, default=0.0):.3f} s to "
-            f"{max(clock, default=0.0):.3f} s, with skip_s = {treatment.skip_s} and end_s = "
-            f"{treatment.end_s}. Check the cut, or the file if none was read"
+            f"{max(clock, default=0.0):.3f} s, with skip_s = {settings.skip_s} and end_s = "
+            f"{settings.end_s}. Check the cut, or the file if none was read"
         )
     n_same = count_duplicates_at_start(frames)
     if n_same:
         warnings.warn(f"{source}: the first {n_same} frames only repeat the next one; dropped", stacklevel=4)
     whole, kept_s = np.stack(frames[n_same:]), np.array(times[n_same:])
-    width = thumbnails.width if crop is None else crop[2]
-    footage = assess_video(
-        whole, kept_s - clock[0], thumbnails, film_per_frame=max(1.0, width / whole.shape[2])
-    )
+    footage = assess_video(whole, kept_s - clock[0], thumbnails, crop=settings.crop)
     for sentence in footage.warnings:
         warnings.warn(f"{source}: {sentence}", stacklevel=4)
     meta = {"source": clip.path.name, "frames": len(whole), "first_s": clock[0], "start_s": times[n_same]}
-    return _Film(whole, kept_s, footage, {**meta, "duplicates": n_same})
+    return _Film(whole, kept_s, footage.numbers, {**meta, "duplicates": n_same})
 
 
-def _decode(clip: VideoClip, treatment: _Treatment) -> Pictures:
-    return decode_frames(clip, skip_s=treatment.skip_s, end_s=treatment.end_s, dt_s=treatment.dt_s)
-
-
-def _measure_path(clip: VideoClip, treatment: _Treatment) -> Float64[np.ndarray, "T 2"]:
+def _measure_path(clip: VideoClip, settings: FrameSettings) -> Float64[np.ndarray, "T 2"]:
     """Displacement of the background of each kept image, in a first pass over the clip."""
     pictures = (
-        cv2.cvtColor(rotate_image(picture, treatment.rotate), cv2.COLOR_BGR2GRAY)
-        for _, picture in _decode(clip, treatment)
+        cv2.cvtColor(rotate_image(picture, settings.rotate), cv2.COLOR_BGR2GRAY)
+        for _, picture in decode_frames(clip, settings)
         if picture is not None
     )
     with warnings.catch_warnings():
@@ -188,36 +145,36 @@ def _measure_path(clip: VideoClip, treatment: _Treatment) -> Float64[np.ndarray,
         return path_to_undo(pictures, source=str(clip.path))
 
 
-def _with_common_size(clips: Sequence[VideoClip], treatment: _Treatment) -> _Treatment:
-    """The same processing, with a size that suits all clips."""
+def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> FrameSettings:
+    """The same settings, with a size that suits all clips."""
     if len(clips) == 1:
-        return treatment
-    sizes = [read_frame_size(clip, dt_s=treatment.dt_s) for clip in clips]
-    if treatment.rotate % 180:
+        return settings
+    sizes = [read_frame_size(clip, dt_s=settings.dt_s) for clip in clips]
+    if settings.rotate % 180:
         sizes = [(columns, rows) for rows, columns in sizes]
     if len(set(sizes)) == 1:
-        return treatment
+        return settings
     listed = ", ".join(
         f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in zip(clips, sizes, strict=True)
     )
-    if treatment.crop is not None:
+    if settings.crop is not None:
         warnings.warn(
             f"clips differ in size ({listed} px); recording.crop takes the same pixels from each, whatever "
             "they show there",
             stacklevel=4,
         )
-        return treatment
+        return settings
     aspects = [columns / rows for rows, columns in sizes]
     if max(aspects) / min(aspects) > 1.0 + SAME_SHAPE:
         raise ValueError(
             f"clips differ in shape ({listed} px), and resizing would distort some of them; give a "
             "recording.crop that lies within all, or keep clips of one shape in the folder"
         )
-    size = treatment.size or min(sizes)
+    size = settings.size or min(sizes)
     warnings.warn(
         f"clips differ in size ({listed} px); all are resized to {size[1]} x {size[0]} px", stacklevel=4
     )
-    return replace(treatment, size=size)
+    return replace(settings, size=size)
 
 
 def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> None:
@@ -233,21 +190,6 @@ def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> Non
         )
 
 
-def _one_clock(films: Sequence[_Film]) -> tuple[Float64[np.ndarray, " T"], list[int]]:
-    """Times [s] of all frames, each clip's after the previous one's, and where each clip ends."""
-    times = [films[0].time_s]
-    for film in films[1:]:
-        times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
-    return np.concatenate(times), [int(stop) for stop in np.cumsum([len(part) for part in times])]
-
-
-def _sha256_of_all(clips: Sequence[VideoClip]) -> str:
-    """Digest of a single file, or of the digests of several files in order."""
-    digests = [sha256_of(file) for clip in clips for file in clip.files]
-    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
-
-
-Picture = UInt8[np.ndarray, "H W 3"]
 COLORS = 128
 
 

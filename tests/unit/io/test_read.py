@@ -110,7 +110,7 @@ def test_what_cannot_be_read(krauss: RecordingConfig, video: RecordingConfig) ->
         read_recording(replace(krauss, kind="simulated"))
     with pytest.raises(ValueError, match=r"no archive with a member is given; set recording.path=FILE"):
         read_recording(replace(krauss, path=None))
-    with pytest.raises(ValueError, match=r"recording.path is null; name the film"):
+    with pytest.raises(ValueError, match=r"recording.path is null; name the film or the log"):
         read_recording(replace(video, path=None))
     with pytest.raises(ValueError, match="n_inputs is 2, but a film carries no inputs"):
         read_recording(replace(video, n_inputs=2))

@@ -21,6 +21,7 @@ from lagsplat.pipelines.export import encoded_motion, energies, export_mcap, pre
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_latents, save_autoencoder
 from lagsplat.stage2.fit import save_dynamics
+from lagsplat.video_quality.frames import FrameSettings
 from tests.unit.evaluate import tiny_run
 
 
@@ -45,7 +46,7 @@ def exported(run: FittedRun, settings: EvaluateConfig, tmp_path_factory: pytest.
 def test_our_reader_finds_the_recording_in_it(run: FittedRun, exported: Path) -> None:
     inputs = [McapInputConfig("/inputs", "push", "push", "N")]
     topics = McapConfig("/camera/recorded", inputs, "header", 0.5)
-    read = read_mcap(exported, topics, crop=None, skip_s=0.0, size=None)
+    read = read_mcap(exported, topics, FrameSettings())
     np.testing.assert_array_equal(read.frames, run.recording.frames)
     np.testing.assert_allclose(read.time_s, run.recording.time_s, atol=1e-9)
     np.testing.assert_allclose(read.inputs, run.recording.inputs, atol=1e-7)

@@ -14,7 +14,7 @@ def check(frames: np.ndarray, time_s: np.ndarray) -> VideoAssessment:
     thumbnails = Thumbnails()
     for frame in frames:
         thumbnails.add(np.ascontiguousarray(frame[..., ::-1]))
-    return assess_video(frames, time_s, thumbnails, film_per_frame=1.0)
+    return assess_video(frames, time_s, thumbnails)
 
 
 def checked(**planted: Any) -> VideoAssessment:

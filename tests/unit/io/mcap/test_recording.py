@@ -11,6 +11,7 @@ import pytest
 from lagsplat.io.config import McapInputConfig
 from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import Recording
+from lagsplat.video_quality.frames import FrameSettings
 from tests.unit.io.mcap.mcap_files import (
     START_NS,
     WRITERS,
@@ -27,7 +28,7 @@ ONE = [McapInputConfig("/joints", "x", "x", "N")]
 
 
 def read(path: Path, config: Any, **changes: Any) -> Recording:
-    return read_mcap(path, config, **{"crop": None, "skip_s": 0.0, "size": None, **changes})
+    return read_mcap(path, config, FrameSettings(**changes))
 
 
 def interpolated(film: Take) -> np.ndarray:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from lagsplat.io.video.decode import overlap_decoding
-from lagsplat.video_quality.frames import average_areas, crop_and_resize, rotate_image
+from lagsplat.video_quality.frames import FrameSettings, average_areas, crop_and_resize, rotate_image
 
 
 def noise(rows: int, columns: int) -> np.ndarray:
@@ -23,7 +23,7 @@ def test_areas_are_averaged(shape: tuple[int, int]) -> None:
 
 def test_grey_is_three_equal_channels_of_the_same_luma() -> None:
     picture = noise(20, 30)
-    frame = crop_and_resize(picture, crop=(2, 3, 10, 8), size=None, source="x", grey=True)
+    frame = crop_and_resize(picture, FrameSettings(crop=(2, 3, 10, 8), grey=True), source="x")
     assert (frame == frame[..., :1]).all()
     luma = picture[3:11, 2:12] @ np.array([0.114, 0.587, 0.299])  # BGR
     assert np.abs(frame[..., 0] - luma).max() <= 1.0

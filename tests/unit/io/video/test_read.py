@@ -9,6 +9,7 @@ import pytest
 
 from lagsplat.io.video import read as video
 from lagsplat.io.video.read import read_video
+from lagsplat.video_quality.frames import FrameSettings
 
 N, RATE = 20, 25.0
 TAGS = {".mkv": "FFV1", ".avi": "FFV1", ".mp4": "mp4v"}
@@ -40,7 +41,7 @@ def retime(path: Path, *, frame: int, to_ms: int) -> Path:
 
 
 def read(path: Path, **changes: Any) -> Any:
-    return read_video(path, **{"crop": None, "skip_s": 0.0, "size": None, **changes})
+    return read_video(path, FrameSettings(**changes))
 
 
 def test_pictures_are_rgb_and_nothing_is_added(tmp_path: Path) -> None:

@@ -9,11 +9,12 @@ import pytest
 
 from lagsplat.io.video.read import CLIP_GAP_S, read_video
 from lagsplat.video_quality.camera_motion import track_background
+from lagsplat.video_quality.frames import FrameSettings
 from tests.films import RATE, index_first, swing, tag_rotation, write_film
 
 
 def read(path: Path, **changes: Any) -> Any:
-    return read_video(path, **{"crop": None, "skip_s": 0.0, "size": None, **changes})
+    return read_video(path, FrameSettings(**changes))
 
 
 def ramp(n: int, *, rows: int = 48, columns: int = 64, start: int = 0) -> np.ndarray:
