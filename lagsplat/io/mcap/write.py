@@ -122,7 +122,7 @@ def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
         q=columns["q"],
         v=columns["v"],
         u=np.concatenate([columns["u"], pushed], axis=1),
-        segments=tuple(zip(starts, [*starts[1:], len(clip)], strict=True)),
+        segments=tuple(pairwise([*starts, len(clip)])),
         u_names=u_names if len(u_names) == columns["u"].shape[1] + pushed.shape[1] else (),
         source=Path(path).name,
     )

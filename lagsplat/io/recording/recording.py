@@ -7,11 +7,13 @@ artifact of kind ``recording``. Frames may be a memory map, so a long recording 
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
+from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
 KIND = "recording"
 SCHEMA = 2
@@ -56,26 +58,49 @@ class Recording:
 
     def __post_init__(self) -> None:
         shape, dtype = np.shape(self.frames), getattr(self.frames, "dtype", None)
-        if len(shape) != 4 or shape[-1] != 3 or 0 in shape or dtype != np.uint8:
-            raise self._error(
-                "frames", f"of shape {shape} and dtype {dtype}", "give uint8 (T, H, W, 3), RGB, T >= 1"
+        images = len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype == np.uint8
+        found = f"frames of shape {shape} and dtype {dtype}"
+        require(images, self.source, f"{found}; give uint8 (T, H, W, 3), RGB, T >= 1")
+        origin = self.meta.get("origin")
+        require(origin in ORIGINS, self.source, f"meta with origin {origin!r}; it is one of {ORIGINS}")
+        for name in ("time_s", "inputs", "states"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+        for name in ("input_names", "input_units"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        self._check_numbers()
+        object.__setattr__(self, "segments", complete_clips(self.segments, self.n_frames, source=self.source))
+
+    def _check_numbers(self) -> None:
+        n, time_s, inputs, states = self.n_frames, self.time_s, self.inputs, self.states
+        given = time_s.shape == (n,) and np.isfinite(time_s).all()
+        require(given, self.source, f"time_s of shape {time_s.shape}; give {n} finite times [s]")
+        require_increasing(time_s, source=self.source)
+        rows = inputs.ndim == 2 and len(inputs) == n
+        require(rows, self.source, f"inputs of shape {inputs.shape}; give ({n}, n_u), one row a frame")
+        n_u, names, units = inputs.shape[1], self.input_names, self.input_units
+        require(
+            len(names) == len(units) == len(set(names)) == n_u,
+            self.source,
+            f"inputs with {n_u} columns, names {names} and units {units}; give every column one name of its "
+            "own and one unit",
+        )
+        bad = np.argwhere(~np.isfinite(inputs))
+        if bad.size:
+            frame, column = bad[0]
+            raise ValueError(
+                f"{self.source}: input {names[column]!r} is {inputs[frame, column]} at frame {frame} "
+                f"({len(bad)} such values); fill the gap or cut the recording there"
             )
-        if self.meta.get("origin") not in ORIGINS:
-            raise self._error(
-                "meta", f"with origin {self.meta.get('origin')!r}", f"origin is one of {ORIGINS}"
-            )
-        object.__setattr__(self, "time_s", np.asarray(self.time_s, dtype=np.float64))
-        object.__setattr__(self, "inputs", np.asarray(self.inputs, dtype=np.float64))
-        if self.states is not None:
-            object.__setattr__(self, "states", np.asarray(self.states, dtype=np.float64))
-        segments = tuple((int(start), int(stop)) for start, stop in self.segments) or ((0, shape[0]),)
-        object.__setattr__(self, "segments", segments)
-        object.__setattr__(self, "input_names", tuple(self.input_names))
-        object.__setattr__(self, "input_units", tuple(self.input_units))
-        self._check_time()
-        self._check_inputs()
-        self._check_states()
-        self._check_segments()
+        if states is not None:
+            finite = states.ndim == 2 and len(states) == n and np.isfinite(states).all()
+            found = f"states of shape {states.shape}"
+            require(finite, self.source, f"{found}; give finite ({n}, n_x), or None")
+
+    @property
+    def source(self) -> str:
+        """Name of the recording in messages."""
+        return f"recording {self.meta.get('source', '(unnamed)')}"
 
     @property
     def n_frames(self) -> int:
@@ -95,45 +120,33 @@ class Recording:
     @property
     def dt_s(self) -> float:
         """Median spacing of neighbouring frames of one clip [s]."""
-        steps = [np.diff(self.time_s[start:stop]) for start, stop in self.segments]
-        spacing = np.concatenate(steps)
-        if spacing.size == 0:
-            raise self._error("frames", "with no two in one clip", "a spacing in time needs two")
-        return float(np.median(spacing))
+        return median_spacing_s(self.time_s, self.segments, source=self.source)
 
     def part(self, start: int, stop: int) -> "Recording":
         """Frames ``start`` to ``stop`` (exclusive), with times and clips, not split; frames are a view."""
-        if not 0 <= start < stop <= self.n_frames:
-            raise self._error(
-                "part",
-                f"[{start}, {stop})",
-                f"it must hold a frame and lie within the {self.n_frames} frames",
-            )
+        inside = 0 <= start < stop <= self.n_frames
+        rule = f"it must hold a frame and lie within the {self.n_frames} frames"
+        require(inside, self.source, f"part [{start}, {stop}); {rule}")
         clips = [
             (max(a, start) - start, min(b, stop) - start) for a, b in self.segments if a < stop and b > start
         ]
-        return replace(
-            self,
-            frames=self.frames[start:stop],
-            time_s=self.time_s[start:stop],
-            inputs=self.inputs[start:stop],
-            states=None if self.states is None else self.states[start:stop],
-            segments=tuple(clips),
-            n_train=None,
-        )
+        return self._take(slice(start, stop), clips)
 
     def pieces(self, clips: Sequence[tuple[int, int]]) -> "Recording":
         """Only the half-open frame ranges ``clips``, in order, each a clip of its own; not split."""
         stops = np.cumsum([stop - start for start, stop in clips]).tolist()
         whole = stops[-1] == self.n_frames
         kept = slice(None) if whole else np.concatenate([np.arange(start, stop) for start, stop in clips])
+        return self._take(kept, list(pairwise([0, *stops])))
+
+    def _take(self, kept: slice | np.ndarray, clips: Sequence[tuple[int, int]]) -> "Recording":
         return replace(
             self,
             frames=self.frames[kept],
             time_s=self.time_s[kept],
             inputs=self.inputs[kept],
             states=None if self.states is None else self.states[kept],
-            segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+            segments=tuple(clips),
             n_train=None,
         )
 
@@ -144,66 +157,8 @@ class Recording:
             ValueError: the recording is not split yet (`lagsplat.io.recording.segments`).
         """
         if self.n_train is None:
-            raise self._error("n_train", "None", "divide the recording first")
+            raise ValueError(f"{self.source}: n_train None; divide the recording first")
         return self.part(0, self.n_train), self.part(self.n_train, self.n_frames)
-
-    def _error(self, name: str, found: str, remedy: str) -> ValueError:
-        return ValueError(f"recording {self.meta.get('source', '(unnamed)')}: {name} {found}; {remedy}")
-
-    def _check_time(self) -> None:
-        if self.time_s.shape != (self.n_frames,) or not np.isfinite(self.time_s).all():
-            raise self._error(
-                "time_s",
-                f"of shape {self.time_s.shape}",
-                f"give {self.n_frames} finite times in seconds, one a frame",
-            )
-        backwards = np.flatnonzero(np.diff(self.time_s) <= 0.0)
-        if backwards.size:
-            i = int(backwards[0]) + 1
-            raise self._error(
-                "time_s",
-                f"goes from {self.time_s[i - 1]:.6f} s to {self.time_s[i]:.6f} s at frame {i} "
-                f"({backwards.size} such steps)",
-                "times must strictly increase; repair the timestamps or cut the recording there",
-            )
-
-    def _check_inputs(self) -> None:
-        if self.inputs.ndim != 2 or self.inputs.shape[0] != self.n_frames:
-            raise self._error(
-                "inputs", f"of shape {self.inputs.shape}", f"give ({self.n_frames}, n_u), one row a frame"
-            )
-        n_u = self.inputs.shape[1]
-        if len(self.input_names) != n_u or len(self.input_units) != n_u or len(set(self.input_names)) != n_u:
-            raise self._error(
-                "inputs",
-                f"with {n_u} columns, names {self.input_names} and units {self.input_units}",
-                "give every column one name of its own and one unit",
-            )
-        bad = np.argwhere(~np.isfinite(self.inputs))
-        if bad.size:
-            raise self._error(
-                f"input {self.input_names[bad[0][1]]!r}",
-                f"is {self.inputs[tuple(bad[0])]} at frame {bad[0][0]} ({len(bad)} such values)",
-                "fill the gap or cut the recording there",
-            )
-
-    def _check_states(self) -> None:
-        states = self.states
-        if states is not None and (
-            states.ndim != 2 or len(states) != self.n_frames or not np.isfinite(states).all()
-        ):
-            raise self._error(
-                "states", f"of shape {states.shape}", f"give finite ({self.n_frames}, n_x), or None"
-            )
-
-    def _check_segments(self) -> None:
-        starts = [start for start, _ in self.segments]
-        stops = [stop for _, stop in self.segments]
-        follows = starts == [0, *stops[:-1]] and stops[-1] == self.n_frames
-        if not follows or any(start >= stop for start, stop in self.segments):
-            raise self._error(
-                "segments", f"{self.segments}", f"clips must follow one another from 0 to {self.n_frames}"
-            )
 
 
 def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,26 +34,23 @@ def cut_at_gaps(recording: Recording) -> Recording:
     gaps: list[str] = []
     for start, stop in recording.segments:
         steps = np.diff(recording.time_s[start:stop])
-        torn = start + 1 + np.flatnonzero(steps > longest_s)
+        torn = (start + 1 + np.flatnonzero(steps > longest_s)).tolist()
         gaps += [f"{steps[at - start - 1]:.3f} s after frame {at - 1}" for at in torn]
-        for piece in zip((start, *torn.tolist()), (*torn.tolist(), stop), strict=True):
+        for piece in pairwise([start, *torn, stop]):
             short = len(torn) > 0 and piece[1] - piece[0] < LEAST_PIECE
             (dropped if short else pieces).append(piece)
     if not gaps:
         return recording
-    source = recording.meta.get("source", "(unnamed)")
-    lost = sum(stop - start for start, stop in dropped)
-    found = f"recording {source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
+    told = f"{recording.source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
     if not pieces:
         raise ValueError(
-            f"{found}. No piece between them has {LEAST_PIECE} frames; check the times, or record it again"
+            f"{told}. No piece between them has {LEAST_PIECE} frames; check the times, or record it again"
         )
-    left_out = f"; {len(dropped)} piece(s) of fewer than {LEAST_PIECE} frames, {lost} in all, are left out"
-    warnings.warn(
-        f"{found}. It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
-        f"{left_out if dropped else ''}",
-        stacklevel=2,
-    )
+    told += f". It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
+    if dropped:
+        lost = sum(stop - start for start, stop in dropped)
+        told += f"; {len(dropped)} piece(s) of fewer than {LEAST_PIECE} frames, {lost} in all, are left out"
+    warnings.warn(told, stacklevel=2)
     return recording.pieces(pieces)
 
 
@@ -95,28 +93,25 @@ def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
 
     Source: paper, Protocol: a contiguous end of the clip, or a whole clip, is held out.
     """
-    total = recording.n_frames
-    if split.held_out_clips is not None:
-        clips = recording.segments
-        if split.held_out_clips >= len(clips):
+    total, clips = recording.n_frames, recording.segments
+    ((name, held_out),) = [(name, value) for name, value in vars(split).items() if value is not None]
+    rule = f"{name} = {held_out}"
+    if name == "held_out_clips":
+        if held_out >= len(clips):
             raise ValueError(
-                f"recording {recording.meta.get('source')}: {len(clips)} clip(s), of which "
-                f"held_out_clips = {split.held_out_clips} leave none to train on; give more clips or hold "
-                "out a fraction"
+                f"{recording.source}: {len(clips)} clip(s), of which {rule} leave none to train on; give "
+                "more clips or hold out a fraction"
             )
-        n_train, rule = clips[-split.held_out_clips][0], f"held_out_clips = {split.held_out_clips}"
-    elif split.held_out_frames is not None:
-        n_train, rule = total - split.held_out_frames, f"held_out_frames = {split.held_out_frames}"
+        n_train = clips[-held_out][0]
+    elif name == "held_out_frames":
+        n_train = total - held_out
     else:
-        assert split.train_fraction is not None, "the configuration gives exactly one rule"
         # 0.29 * 100 is 28.999..., whose floor is not the intended 29.
-        n_train = math.floor(split.train_fraction * total + 1e-9)
-        rule = f"train_fraction = {split.train_fraction}"
+        n_train = math.floor(held_out * total + 1e-9)
     if n_train < LEAST_FRAMES or total - n_train < LEAST_FRAMES:
         raise ValueError(
-            f"recording {recording.meta.get('source', '(unnamed)')}: frames {total} in number, split into "
-            f"{n_train} and {total - n_train} by {rule}; each part needs {LEAST_FRAMES} or more; give a "
-            "longer recording or another split"
+            f"{recording.source}: frames {total} in number, split into {n_train} and {total - n_train} by "
+            f"{rule}; each part needs {LEAST_FRAMES} or more; give a longer recording or another split"
         )
     return replace(recording, n_train=n_train)
 

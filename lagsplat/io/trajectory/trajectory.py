@@ -8,11 +8,13 @@ import os
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, count_names, name_columns, read_table
+from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
 LONGEST_LOSS = 3.0  # longest gap left by dropped rows inside a clip, in median steps
 
@@ -55,21 +57,28 @@ class Trajectory:
         for letter, width in (("q", self.d), ("u", self.n_u)):
             names = tuple(getattr(self, f"{letter}_names")) or tuple(f"{letter}{i}" for i in range(width))
             object.__setattr__(self, f"{letter}_names", names)
-            if len(set(names)) != width:
-                raise self._error(f"{letter}_names", f"{names}", f"give each of {width} columns its own name")
-        segments = tuple((int(start), int(stop)) for start, stop in self.segments) or ((0, self.n),)
-        object.__setattr__(self, "segments", segments)
-        starts, stops = [start for start, _ in segments], [stop for _, stop in segments]
-        if starts != [0, *stops[:-1]] or stops[-1] != self.n or any(a >= b for a, b in segments):
-            raise self._error("segments", f"{segments}", f"clips must follow one another from 0 to {self.n}")
-        backwards = np.flatnonzero(np.diff(self.time_s) <= 0.0)
-        if backwards.size:
-            i = int(backwards[0]) + 1
-            raise self._error(
-                "time_s",
-                f"goes from {self.time_s[i - 1]:.9g} s to {self.time_s[i]:.9g} s at sample {i}",
-                "times must strictly increase; repair them or cut the recording there",
-            )
+            rule = f"give each of {width} columns its own name"
+            require(len(set(names)) == width, self.source, f"{letter}_names {names}; {rule}")
+        object.__setattr__(self, "segments", complete_clips(self.segments, self.n, source=self.source))
+        require_increasing(self.time_s, source=self.source)
+
+    def _check_shapes(self) -> None:
+        n, shape = len(self.time_s), self.time_s.shape
+        require(self.time_s.ndim == 1 and n, self.source, f"time_s of shape {shape}; give (T,) times [s]")
+        blocks = {name: getattr(self, name) for name in ("q", "u", "v") if getattr(self, name) is not None}
+        for name, value in blocks.items():
+            rows = value.ndim == 2 and len(value) == n and (name == "u" or value.shape[1] > 0)
+            rule = f"give ({n}, columns), one row a sample"
+            require(rows, self.source, f"{name} of shape {value.shape}; {rule}")
+        if self.v is not None:
+            rates = self.v.shape == self.q.shape
+            rule = f"give the rates of q, {self.q.shape}"
+            require(rates, self.source, f"v of shape {self.v.shape}; {rule}")
+        for name, value in (blocks | {"time_s": self.time_s}).items():
+            bad = np.argwhere(~np.isfinite(value))
+            if bad.size:
+                number, sample = value[tuple(bad[0])], bad[0][0]
+                raise ValueError(f"{self.source}: {name} is {number} at sample {sample}; give numbers")
 
     @property
     def n(self) -> int:
@@ -89,10 +98,7 @@ class Trajectory:
     @property
     def dt_s(self) -> float:
         """Median spacing of neighbouring samples of one clip [s]."""
-        spacing = np.concatenate([np.diff(self.time_s[start:stop]) for start, stop in self.segments])
-        if spacing.size == 0:
-            raise self._error("samples", "of which no two stand in one clip", "a spacing in time needs two")
-        return float(np.median(spacing))
+        return median_spacing_s(self.time_s, self.segments, source=self.source)
 
     @property
     def duration_s(self) -> float:
@@ -116,10 +122,10 @@ class Trajectory:
         Raises:
             ValueError: a sample outside the trajectory.
         """
-        if any(not 0 <= i < self.n for i in at):
-            raise self._error("cut", f"at {list(at)}", f"name samples from 0 to {self.n - 1}")
+        inside = all(0 <= i < self.n for i in at)
+        require(inside, self.source, f"cut at {list(at)}; name samples from 0 to {self.n - 1}")
         starts = sorted({start for start, _ in self.segments} | {int(i) for i in at})
-        return replace(self, segments=tuple(zip(starts, [*starts[1:], self.n], strict=True)))
+        return replace(self, segments=tuple(pairwise([*starts, self.n])))
 
     def pieces(self, clips: Sequence[tuple[int, int]]) -> "Trajectory":
         """Only the half-open, ascending sample ranges ``clips``, each a clip of its own.
@@ -127,8 +133,7 @@ class Trajectory:
         Raises:
             ValueError: no range, an empty one, or ranges that overlap.
         """
-        if not clips:
-            raise self._error("pieces", "of no range", "name at least one (start, stop)")
+        require(clips, self.source, "pieces of no range; name at least one (start, stop)")
         kept = np.concatenate([np.arange(start, stop) for start, stop in clips])
         stops = np.cumsum([stop - start for start, stop in clips]).tolist()
         return replace(
@@ -137,26 +142,8 @@ class Trajectory:
             q=self.q[kept],
             u=self.u[kept],
             v=None if self.v is None else self.v[kept],
-            segments=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+            segments=tuple(pairwise([0, *stops])),
         )
-
-    def _error(self, name: str, found: str, remedy: str) -> ValueError:
-        return ValueError(f"{self.source}: {name} {found}; {remedy}")
-
-    def _check_shapes(self) -> None:
-        n = self.time_s.shape[0] if self.time_s.ndim == 1 else 0
-        if n == 0:
-            raise self._error("time_s", f"of shape {self.time_s.shape}", "give (T,) times in seconds")
-        rules = {"q": self.q, "u": self.u} | ({} if self.v is None else {"v": self.v})
-        for name, value in rules.items():
-            if value.ndim != 2 or len(value) != n or (name != "u" and value.shape[1] == 0):
-                raise self._error(name, f"of shape {value.shape}", f"give ({n}, columns), one row a sample")
-        if self.v is not None and self.v.shape != self.q.shape:
-            raise self._error("v", f"of shape {self.v.shape}", f"give the rates of q, {self.q.shape}")
-        for name, value in (rules | {"time_s": self.time_s}).items():
-            bad = np.argwhere(~np.isfinite(value))
-            if bad.size:
-                raise self._error(name, f"is {value[tuple(bad[0])]} at sample {bad[0][0]}", "give numbers")
 
 
 def read_trajectory_file(
@@ -190,19 +177,14 @@ def read_trajectory_file(
     at = {name: values[kept, i] for i, name in enumerate(used)}
     cuts = _segment_changes(table, at[SEGMENT], kept) if SEGMENT in at else np.zeros(0, int)
     time_s = _one_clock(table, at[TIME], cuts, kept)
-    torn = _lost(table, time_s, cuts, kept, n=len(whole))
-    starts = sorted({0, *cuts.tolist(), *torn.tolist()})
-
-    def block(letter: str) -> np.ndarray:
-        empty = np.zeros((len(kept), 0))
-        return np.stack([at[name] for name in names[letter]], axis=1) if names[letter] else empty
-
+    torn = _dropped_rows(table, time_s, cuts, kept, n=len(whole))
+    block = {letter: np.array([at[name] for name in names[letter]]).T for letter in "qvu" if names[letter]}
     return Trajectory(
         time_s=time_s,
-        q=block("q"),
-        u=block("u"),
-        v=block("v") if names["v"] else None,
-        segments=tuple(zip(starts, [*starts[1:], len(kept)], strict=True)),
+        q=block["q"],
+        u=block.get("u", np.zeros((len(kept), 0))),
+        v=block.get("v"),
+        segments=tuple(pairwise(sorted({0, *cuts.tolist(), *torn.tolist(), len(kept)}))),
         q_names=names["q"],
         u_names=names["u"],
         source=path.name,
@@ -210,21 +192,18 @@ def read_trajectory_file(
 
 
 def _segment_changes(table: Table, segment: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """The samples at which a new clip begins, without the first."""
     broken = np.flatnonzero(segment != np.rint(segment))
     if broken.size:
-        row = int(kept[broken[0]])
-        raise ValueError(
-            f"{table.place(row)}: segment is {segment[broken[0]]}; number the clips with integers"
-        )
+        place, number = table.place(int(kept[broken[0]])), segment[broken[0]]
+        raise ValueError(f"{place}: segment is {number}; number the clips with integers")
     return 1 + np.flatnonzero(np.diff(segment))
 
 
 def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Strictly increasing times; a clip that restarts its clock is shifted after the previous one."""
     steps = np.diff(time_s)
-    inside = np.ones(len(steps), dtype=bool)
-    inside[cuts - 1] = False
-    wrong = np.flatnonzero(inside & (steps <= 0.0))
+    wrong = np.setdiff1d(np.flatnonzero(steps <= 0.0), cuts - 1)
     if wrong.size:
         i = int(wrong[0])
         kind = "stands still at" if steps[i] == 0.0 else f"runs back from {time_s[i]:.9g} s to"
@@ -232,39 +211,38 @@ def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndar
             f"{table.place(int(kept[i + 1]))}: t {kind} {time_s[i + 1]:.9g} s ({wrong.size} such rows). "
             "Times must strictly increase inside a clip; drop repeated rows, or mark a new clip in `segment`"
         )
-    back = [int(cut) for cut in cuts if steps[cut - 1] <= 0.0]
-    if not back:
+    restarts = cuts[steps[cuts - 1] <= 0.0]
+    if not restarts.size:
         return time_s
     moved = time_s.copy()
-    gap_s = float(np.median(steps[inside])) if inside.any() else 1.0
-    for cut in back:
+    inside = np.delete(steps, cuts - 1)
+    gap_s = float(np.median(inside)) if inside.size else 1.0
+    for cut in restarts:
         moved[cut:] += moved[cut - 1] + gap_s - moved[cut]
     warnings.warn(
-        f"{table.source}: {len(back)} clip(s) begin their own clock; they are laid one after another, "
+        f"{table.source}: {restarts.size} clip(s) begin their own clock; they are laid one after another, "
         f"{gap_s:.6g} s apart, and t is counted from the first",
         stacklevel=3,
     )
     return moved
 
 
-def _lost(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, *, n: int) -> np.ndarray:
+def _dropped_rows(
+    table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray, *, n: int
+) -> np.ndarray:
     """Warn of dropped rows, and return the samples at which they split a clip."""
     if len(kept) == n:
         return np.zeros(0, int)
-    after = 1 + np.flatnonzero(np.diff(kept) > 1)
-    steps = np.diff(time_s)
-    inside = np.ones(len(steps), dtype=bool)
-    inside[cuts - 1] = False
-    usual = float(np.median(steps[inside])) if inside.any() else np.inf
+    steps, after = np.diff(time_s), 1 + np.flatnonzero(np.diff(kept) > 1)
+    inside = np.delete(steps, cuts - 1)
+    usual = float(np.median(inside)) if inside.size else np.inf
     torn = after[steps[after - 1] > LONGEST_LOSS * usual]
     first = int(np.setdiff1d(np.arange(n), kept)[0])
+    text = f"{n - len(kept)} of {n} rows lack a number (the first at {table.place(first)}) and are left out"
     new = np.setdiff1d(torn, cuts)
-    told = f", and it is cut at t = {', '.join(f'{t:.6g}' for t in time_s[new[:5]])} s" if new.size else ""
-    warnings.warn(
-        f"{table.source}: {n - len(kept)} of {n} rows lack a number (the first at {table.place(first)}) and "
-        f"are left out{told}{', ...' if new.size > 5 else ''}",
-        stacklevel=3,
-    )
+    if new.size:
+        text += f", and it is cut at t = {', '.join(f'{t:.6g}' for t in time_s[new[:5]])} s"
+    warnings.warn(f"{table.source}: {text}{', ...' if new.size > 5 else ''}", stacklevel=3)
     return torn
 
 
@@ -273,11 +251,11 @@ def leading_samples(motion: Trajectory, length_s: float) -> Trajectory:
     pieces: list[tuple[int, int]] = []
     left = length_s
     for start, stop in motion.segments:
-        own = motion.time_s[start:stop] - motion.time_s[start]
-        end = start + int(np.searchsorted(own, left, side="right"))
+        since_s = motion.time_s[start:stop] - motion.time_s[start]
+        end = start + int(np.searchsorted(since_s, left, side="right"))
         if end - start > 1 or not pieces:
             pieces.append((start, end))
-        left -= float(own[end - start - 1])
+        left -= float(since_s[end - start - 1])
         if left <= 0.0:
             break
     return motion.pieces(pieces)

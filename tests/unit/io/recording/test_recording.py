@@ -59,7 +59,7 @@ def test_spacing_does_not_count_cuts(recording: Recording) -> None:
     time_s = np.concatenate([0.1 * np.arange(8), 100.0 + 0.1 * np.arange(12)])
     pairs = tuple((i, i + 2) for i in range(0, 20, 2))
     assert replace(recording, time_s=time_s, segments=pairs).dt_s == pytest.approx(0.1)
-    with pytest.raises(ValueError, match="no two in one clip"):
+    with pytest.raises(ValueError, match="no two samples stand in one clip"):
         _ = recording.part(3, 4).dt_s
 
 
@@ -109,9 +109,9 @@ def test_a_recording_that_is_not_divided_has_no_parts(recording: Recording) -> N
         (
             "time_s",
             np.r_[0.1 * np.arange(19), 1.8],
-            r"goes from 1\.800000 s to 1\.800000 s at frame 19 \(1 such",
+            r"goes from 1\.8 s to 1\.8 s at sample 19 \(1 such",
         ),
-        ("time_s", np.r_[0.0, 2.0, 1.0, 3 + np.arange(17.0)], r"2\.000000 s to 1\.000000 s at frame 2"),
+        ("time_s", np.r_[0.0, 2.0, 1.0, 3 + np.arange(17.0)], r"2 s to 1 s at sample 2"),
         ("inputs", np.zeros((19, 2)), r"inputs of shape \(19, 2\)"),
         ("inputs", np.zeros(20), r"inputs of shape \(20,\)"),
         ("inputs", np.zeros((20, 3)), "3 columns"),

@@ -218,7 +218,7 @@ def test_a_motion_checks_its_fields(changes: dict, message: str) -> None:
 
 def test_a_spacing_needs_two_samples_and_a_cut_an_index_inside() -> None:
     motion = Trajectory(time_s=np.arange(3.0), q=np.zeros((3, 1)), u=np.zeros((3, 0)))
-    with pytest.raises(ValueError, match="no two stand in one clip"):
+    with pytest.raises(ValueError, match="no two samples stand in one clip"):
         _ = motion.cut([1, 2]).dt_s
     with pytest.raises(ValueError, match="cut at"):
         motion.cut([3])
