@@ -25,8 +25,8 @@ import torch
 from torch import Tensor
 
 from lagsplat.provenance import set_threads
-from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu import rasterize as raster_numba
+from lagsplat.splat.image_model import rasterize
+from lagsplat.splat.rasterize_torch import evaluate_alphas
 
 Scene = list[Tensor]
 SLOW_FRAMES = 1
@@ -53,7 +53,7 @@ def pairs_of(scene: Scene, size: int, frame: int) -> Tensor:
     found = []
     for start in range(0, len(covariance), 256):
         part = slice(start, start + 256)
-        alpha = raster_torch._alpha(means[frame, part], covariance[part], opacity[frame, part], size, size)
+        alpha = evaluate_alphas(means[frame, part], covariance[part], opacity[frame, part], size, size)
         pairs = alpha.flatten(1).T.nonzero()
         found.append(pairs + torch.tensor([0, start]))
     pairs = torch.cat(found)
@@ -167,19 +167,19 @@ def compare(size: int, batch: int, count: int, *, gate: float, rounds: int) -> N
         f"{batch} frames x {count} Gaussians x {size}x{size}, {pairs:.0f} pairs a frame, forward + backward:"
     )
 
-    def with_module(module: types.ModuleType) -> Callable[[Scene], Tensor]:
-        return lambda inputs: module.rasterize(*inputs, height=size, width=size)
+    def with_backend(name: str) -> Callable[[Scene], Tensor]:
+        return lambda inputs: rasterize(*inputs, height=size, width=size, backend=name)
 
     rivals = {
-        "numba": (with_module(raster_numba), scene),
-        "torch reference": (with_module(raster_torch), few),
+        "numba": (with_backend("numba"), scene),
+        "torch reference": (with_backend("torch"), few),
     }
     gsplat = gsplat_in_torch(size)
     if gsplat is None:
         print("  gsplat is not installed: its pure-torch compositing is left out")
     else:
         rivals["gsplat in pure torch"] = (gsplat, few)
-        apart = (gsplat(few) - with_module(raster_torch)(few)).abs().max()
+        apart = (gsplat(few) - with_backend("torch")(few)).abs().max()
         print(f"  gsplat in pure torch and the torch reference differ by at most {apart:.1e}")
     times: dict[str, list[Time]] = {name: [] for name in rivals}
     for turn in range(rounds + 1):
@@ -198,7 +198,7 @@ def single_frame(size: int, count: int, *, gate: float, repeat: int) -> None:
     print(f"1 frame x {count} Gaussians x {size}x{size}, {pairs} pairs, forward only:")
 
     def draw(inputs: Scene) -> Tensor:
-        return raster_numba.rasterize(*inputs, height=size, width=size)
+        return rasterize(*inputs, height=size, width=size, backend="numba")
 
     times = [time_of(draw, scene, backward=False) for _ in range(repeat + 3)][3:]
     report("numba", times, pairs)

@@ -21,8 +21,8 @@ import torch
 
 from lagsplat.io.files.ply import PlyCloud, read_cloud, write_cloud
 from lagsplat.provenance import set_threads
-from lagsplat.splat.cpu.rasterize import rasterize
 from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.point_cloud import build_point_cloud, merge_clouds
 from lagsplat.splat.projection import make_view, project
 from lagsplat.views.camera import ViewSpace, arrange_cameras, center_camera
@@ -79,8 +79,8 @@ def render_speed() -> None:
     )
     found = seconds(
         {
-            "in space": lambda: rasterize(*project(scene, view, **size), **size),
-            "in the picture": lambda: rasterize(*plane, **size),
+            "in space": lambda: rasterize(*project(scene, view, **size), **size, backend="numba"),
+            "in the picture": lambda: rasterize(*plane, **size, backend="numba"),
             "projection and sort alone": lambda: project(scene, view, **size),
         }
     )

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from lagsplat.runs.run import open_run as open_run
     from lagsplat.runs.run import rollout as rollout
     from lagsplat.splat.gaussians import Gaussians as Gaussians
-    from lagsplat.splat.rasterize_torch import rasterize as rasterize
+    from lagsplat.splat.image_model import rasterize as rasterize
     from lagsplat.stage1.autoencoder import Autoencoder as Autoencoder
     from lagsplat.stage2.lagrangian import Lagrangian as Lagrangian
 
@@ -67,7 +67,7 @@ _HOMES = {
     "load_diagnosis": "lagsplat.pipelines.diagnose_data",
     "open_run": "lagsplat.runs.run",
     "push": "lagsplat.pipelines.steps",
-    "rasterize": "lagsplat.splat.rasterize_torch",
+    "rasterize": "lagsplat.splat.image_model",
     "read_recording": "lagsplat.pipelines.steps",
     "read_trajectory": "lagsplat.io.read",
     "rollout": "lagsplat.runs.run",

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from lagsplat.array_types import Frames
 from lagsplat.chart.chart import Chart
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.splat.image_model import ALPHA_MIN, choose_rasterizer
+from lagsplat.splat.image_model import ALPHA_MIN, rasterize
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
 from lagsplat.stage1.deformation_decoder import DeformationField
@@ -85,16 +85,8 @@ def compute_velocity_field(
     rough, visible = _roughness(scene.means[0], scene.opacity[0], velocity, field, neighbours)
     speeds = np.linalg.norm(velocity, axis=1)
     colour = torch.as_tensor(np.repeat(speeds[:, None], 3, axis=1), dtype=torch.float32)
-    rasterize = choose_rasterizer(backend, "cpu")
-    painted = rasterize(
-        scene.means,
-        scene.covariance,
-        scene.opacity,
-        colour,
-        torch.zeros(3),
-        height=field.height,
-        width=field.width,
-    )[0, 0].numpy()
+    painted_scene = scene._replace(color=colour, background=torch.zeros(3))
+    painted = rasterize(*painted_scene, height=field.height, width=field.width, backend=backend)[0, 0].numpy()
     still = estimate_background(frames)
     picture = field.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
     return {

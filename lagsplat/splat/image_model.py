@@ -1,4 +1,4 @@
-"""The image model that every rasteriser implements, its argument checks, and the choice of a rasteriser.
+"""The image model that every rasteriser implements, and the one function that calls them.
 
 A Gaussian with centre ``m``, covariance ``S`` and opacity ``o`` covers the pixel centred at ``x`` with
 ``alpha = min(0.999, o exp(-sigma))``, ``sigma = (x - m)^T (S + 0.3 I)^-1 (x - m) / 2``. Gaussians are
@@ -13,28 +13,101 @@ opacity is below 1/255, or its blurred covariance is not positive definite. Opac
 Source: Kerbl et al. 2023, doi:10.1145/3592433; constants as in gsplat 1.5.
 """
 
-from collections.abc import Callable
 from importlib.util import find_spec
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
+
+from lagsplat.splat.gaussians import GaussianSlice
 
 BLUR_PX2 = 0.3
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.999
 TRANSMITTANCE_MIN = 1e-4
 
+# The device type each rasteriser runs on; None is any.
+DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
 
-def require_scene(
-    means: Tensor,
-    covariance: Tensor,
-    opacity: Tensor,
-    color: Tensor,
-    background: Tensor,
+
+def choose_device(backend: str) -> str:
+    """Return the device type to train on with this rasteriser: CUDA if it can run there, else the CPU."""
+    if backend == "auto":
+        return "cuda" if torch.cuda.is_available() and find_spec("gsplat") else "cpu"
+    return DEVICES.get(backend) or "cpu"
+
+
+def choose_backend(device: str) -> str:
+    """Return the rasteriser that ``"auto"`` means for tensors on this device type."""
+    return {"cpu": "numba", "cuda": "gsplat" if find_spec("gsplat") else "torch"}.get(device, "torch")
+
+
+def rasterize(
+    means: Float[Tensor, "B K 2"],
+    covariance: Float[Tensor, "*S K 3"],
+    opacity: Float[Tensor, "B K"],
+    color: Float[Tensor, "*S K 3"],
+    background: Float[Tensor, " 3"],
     *,
     height: int,
     width: int,
-) -> None:
+    backend: str = "torch",
+) -> Float[Tensor, "B 3 H W"]:
+    """Draw B images of K Gaussians, differentiable in all five tensors.
+
+    Args:
+        means: Centres [px].
+        covariance: xx, xy, yy [px^2], shared by all images or per image (S = B).
+        opacity: In [0, 1].
+        color: RGB, shared or per image like ``covariance``.
+        background: RGB where the transmittance is left.
+        height, width: Size of the images [px].
+        backend: ``"torch"`` is the specification: any dtype and device, by autograd, with memory for about
+            10 B K H W numbers. ``"numba"`` draws float32 on the CPU with ``numba.get_num_threads()`` threads;
+            its first call on a machine compiles the kernels (seconds). ``"gsplat"`` draws float32 on CUDA.
+            ``"auto"`` takes the fastest on the tensors' device.
+
+    Raises:
+        ValueError: shapes, types or devices do not match, or the rasteriser is unknown or draws no such
+            tensors.
+        ImportError: gsplat is chosen and not installed, or has no compiled kernels.
+
+    Source: the image model in `lagsplat.splat.image_model`.
+
+    Example:
+        >>> import lagsplat, torch
+        >>> means, opacity = torch.tensor([[[8.0, 4.0]]]), torch.ones(1, 1)
+        >>> covariance, color = torch.tensor([[[4.0, 0.0, 4.0]]]), torch.ones(1, 1, 3)
+        >>> lagsplat.rasterize(means, covariance, opacity, color, torch.zeros(3), height=8, width=16).shape
+        torch.Size([1, 3, 8, 16])
+    """
+    scene = GaussianSlice(means, covariance, opacity, color, background)
+    require_scene(scene, height, width)
+    backend = choose_backend(means.device.type) if backend == "auto" else backend
+    if backend not in DEVICES:
+        raise ValueError(f"there is no rasteriser {backend!r}: choose one of auto, {', '.join(DEVICES)}")
+    device = DEVICES[backend]
+    if device and (means.device.type != device or means.dtype != torch.float32):
+        raise ValueError(
+            f"the rasteriser {backend!r} draws float32 tensors on {device}, got {means.dtype} on "
+            f"{means.device}: convert them, or choose 'torch', which draws any"
+        )
+    # Only the chosen module is imported, by a statement, because the dependency tracking of results reads
+    # only statements.
+    if backend == "numba":
+        from lagsplat.splat.cpu.rasterize import draw_numba
+
+        return draw_numba(scene, height, width)
+    if backend == "gsplat":
+        from lagsplat.splat.rasterize_gsplat import draw_gsplat
+
+        return draw_gsplat(scene, height, width)
+    from lagsplat.splat.rasterize_torch import draw_torch
+
+    return draw_torch(scene, height, width)
+
+
+def require_scene(scene: GaussianSlice, height: int, width: int) -> None:
     """Check that the shapes, types and devices of a scene match.
 
     Raises:
@@ -42,69 +115,30 @@ def require_scene(
     """
     if height < 1 or width < 1:
         raise ValueError(f"cannot draw an image of {height} x {width} pixels: both must be at least 1")
+    means = scene.means
     batch, count = means.shape[:2] if means.ndim == 3 else ("B", "K")
     shared = (count, 3)
-    look = (batch, *shared) if covariance.shape[:-1] == (batch, count) else shared
-    expected = {
-        "means": (means, (batch, count, 2)),
-        "covariance": (covariance, look),
-        "opacity": (opacity, (batch, count)),
-        "color": (color, look),
-        "background": (background, (3,)),
-    }
-    for name, (tensor, shape) in expected.items():
+    look = (batch, *shared) if scene.covariance.shape[:-1] == (batch, count) else shared
+    shapes = ((batch, count, 2), look, (batch, count), look, (3,))
+    for name, tensor, shape in zip(scene._fields, scene, shapes, strict=True):
         if tuple(tensor.shape) != shape:
-            wanted = ", ".join(str(size) for size in shape)
-            other = (
-                ", or one for each image, as covariance and color have it together" if shape == shared else ""
-            )
-            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected ({wanted}){other}")
+            wanted = "(" + ", ".join(str(size) for size in shape) + ")"
+            if shape == shared:
+                wanted += ", or one for each image, as covariance and color have it together"
+            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {wanted}")
         if not tensor.is_floating_point() or tensor.dtype != means.dtype:
             raise ValueError(f"{name} is {tensor.dtype}, means {means.dtype}: use one floating type")
         if tensor.device != means.device:
             raise ValueError(f"{name} is on {tensor.device}, means on {means.device}: use one device")
 
 
-Rasterizer = Callable[..., Tensor]
+def blur(covariance: Float[Tensor, "*S K 3"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Entries xx, xy, yy of the blurred covariances in float64, and which of these are positive definite.
 
-# The device type each rasteriser runs on; None is any.
-DEVICES = {"torch": None, "numba": "cpu", "gsplat": "cuda"}
-
-
-def choose_device(name: str) -> str:
-    """Return the device type to train on with this rasteriser: CUDA if it can run there, else the CPU."""
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() and find_spec("gsplat") else "cpu"
-    return DEVICES.get(name) or "cpu"
-
-
-def choose_rasterizer(name: str, device: torch.device | str) -> Rasterizer:
-    """Return ``rasterize(means, covariance, opacity, color, background, *, height, width)`` by name.
-
-    ``"auto"`` takes gsplat on a CUDA device if it is installed, Numba on the CPU, and torch elsewhere. Only
-    the chosen module is imported.
-
-    Raises:
-        ValueError: unknown name, or a rasteriser that cannot run on ``device``.
+    The others are replaced by 1, 0, 1 before anything divides by them: autograd would turn an unused infinity
+    into NaN.
     """
-    kind = torch.device(device).type
-    if name == "auto":
-        name = {"cpu": "numba", "cuda": "gsplat" if find_spec("gsplat") else "torch"}.get(kind, "torch")
-    if name not in DEVICES:
-        raise ValueError(f"there is no rasteriser {name!r}: choose one of auto, {', '.join(DEVICES)}")
-    if DEVICES[name] not in (None, kind):
-        raise ValueError(
-            f"the rasteriser {name!r} draws on {DEVICES[name]}, not {kind}: choose 'auto' or 'torch'"
-        )
-    # Import statements, because the dependency tracking of results reads only statements.
-    if name == "numba":
-        from lagsplat.splat.cpu.rasterize import rasterize as on_cpu
-
-        return on_cpu
-    if name == "gsplat":
-        from lagsplat.splat.rasterize_gsplat import rasterize as on_cuda
-
-        return on_cuda
-    from lagsplat.splat.rasterize_torch import rasterize as anywhere
-
-    return anywhere
+    xx, xy, yy = covariance.double().unbind(-1)
+    xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
+    proper = covariance.isfinite().all(-1) & (xx > 0) & (xx * yy - xy**2 > 0)
+    return torch.where(proper, xx, 1.0), torch.where(proper, xy, 0.0), torch.where(proper, yy, 1.0), proper

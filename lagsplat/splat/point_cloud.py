@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lagsplat.io.files.ply import PlyCloud
 from lagsplat.splat.gaussians import GaussianSlice
-from lagsplat.splat.image_model import BLUR_PX2, choose_device, choose_rasterizer
+from lagsplat.splat.image_model import BLUR_PX2, choose_device, rasterize
 from lagsplat.splat.projection import View, compute_depths, make_view, project
 from lagsplat.views.camera import Camera
 
@@ -37,7 +37,7 @@ def build_point_cloud(
         cloud: The Gaussians.
         cameras: One per image.
         blur_px2: Added to the drawn covariances instead of the 0.3 of training.
-        backend: Rasteriser, see `lagsplat.splat.image_model.choose_rasterizer`.
+        backend: Rasteriser, see `lagsplat.splat.image_model.rasterize`.
 
     Source: the renderer of SHARP, arXiv:2512.10685.
     """
@@ -67,9 +67,8 @@ def _seen(
     told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
     flat = project(scene._replace(color=torch.cat([scene.color[None], told], dim=2)), view, **size)
     sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
-    draw = choose_rasterizer(backend, device)
     light, other = (
-        draw(*flat._replace(covariance=sharp, color=part.contiguous()), **size)
+        rasterize(*flat._replace(covariance=sharp, color=part.contiguous()), **size, backend=backend)
         for part in flat.color.split(3, 2)
     )
     cover = other[:, 1]

@@ -11,7 +11,8 @@ import torch
 from jaxtyping import Float, Int32
 from torch import Tensor
 
-from lagsplat.splat.image_model import ALPHA_MIN, BLUR_PX2, require_scene
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import ALPHA_MIN, blur
 
 TILE_PX = 16
 
@@ -27,67 +28,30 @@ class GsplatScene(NamedTuple):
     opacities: Float[Tensor, "B K"]
 
 
-def rasterize(
-    means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "*S K 3"],
-    opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "*S K 3"],
-    background: Float[Tensor, " 3"],
-    *,
-    height: int,
-    width: int,
-) -> Float[Tensor, "B 3 H W"]:
-    """Draw B images of K Gaussians on CUDA in float32, differentiable once in all five tensors.
-
-    Args: as `lagsplat.splat.rasterize_torch.rasterize`.
-
-    Raises:
-        ValueError: shapes, types or devices do not match, or the tensors are not float32 on a CUDA device.
-        ImportError: gsplat is not installed, or has no compiled kernels.
-    """
-    require_scene(means, covariance, opacity, color, background, height=height, width=width)
-    if means.dtype != torch.float32 or means.device.type != "cuda":
-        raise ValueError(
-            f"the gsplat rasteriser draws float32 tensors on a CUDA device, got {means.dtype} on "
-            f"{means.device}: move them there, or choose the backend 'numba' or 'torch'"
-        )
+def draw_gsplat(scene: GaussianSlice, height: int, width: int) -> Float[Tensor, "B 3 H W"]:
+    """Draw a float32 scene on CUDA, differentiable once; as `lagsplat.rasterize`."""
     gsplat = _require_gsplat()
-    batch, count = opacity.shape
+    batch, count = scene.opacity.shape
     if batch == 0 or count == 0:
-        return background[None, :, None, None].expand(batch, 3, height, width)
-    scene = embed_in_space(means, covariance, opacity, color)
+        return scene.background[None, :, None, None].expand(batch, 3, height, width)
+    splats = embed_in_space(scene)
     across, down = -(-width // TILE_PX), -(-height // TILE_PX)
     with torch.no_grad():
-        _, keys, order = gsplat.isect_tiles(scene.means, scene.radii, scene.depths, TILE_PX, across, down)
+        _, keys, order = gsplat.isect_tiles(splats.means, splats.radii, splats.depths, TILE_PX, across, down)
         offsets = gsplat.isect_offset_encode(keys, batch, across, down)
+    look = (splats.means, splats.conics, splats.colors, splats.opacities)
+    backgrounds = scene.background.expand(batch, 3)
     images, _ = gsplat.rasterize_to_pixels(
-        scene.means,
-        scene.conics,
-        scene.colors,
-        scene.opacities,
-        width,
-        height,
-        TILE_PX,
-        offsets,
-        order,
-        backgrounds=background.expand(batch, 3),
+        *look, width, height, TILE_PX, offsets, order, backgrounds=backgrounds
     )
     return images.permute(0, 3, 1, 2).contiguous()
 
 
-def embed_in_space(
-    means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "*S K 3"],
-    opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "*S K 3"],
-) -> GsplatScene:
+def embed_in_space(scene: GaussianSlice) -> GsplatScene:
     """The Gaussians as gsplat's projection would return them; one that is not drawn gets radius 0."""
+    means, covariance, opacity, color, _ = scene
     batch, count = opacity.shape
-    xx, xy, yy = covariance.double().unbind(-1)
-    xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
-    proper = covariance.isfinite().all(-1) & (xx > 0) & (xx * yy - xy**2 > 0)
-    # Replaced before the division: autograd would turn an unused infinity into NaN.
-    xx, xy, yy = torch.where(proper, xx, 1.0), torch.where(proper, xy, 0.0), torch.where(proper, yy, 1.0)
+    xx, xy, yy, proper = blur(covariance)
     determinant = xx * yy - xy**2
     conics = torch.stack([yy / determinant, -xy / determinant, xx / determinant], dim=-1).float()
     drawn = proper & means.isfinite().all(2) & opacity.isfinite() & (opacity >= ALPHA_MIN)

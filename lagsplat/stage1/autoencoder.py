@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from lagsplat.array_types import Frames, Images, Latents
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
-from lagsplat.splat.image_model import choose_rasterizer
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import View, project
 from lagsplat.stage1.encoder import Encoder
 
@@ -31,7 +31,7 @@ class Autoencoder(nn.Module):
         background: 'learned' or 'black'.
         lens: Focal lengths and principal point (x, y, x, y) [px] of the recording's camera for Gaussians in
             space (`lagsplat.views.camera`); None for Gaussians in the image plane.
-        backend: Rasteriser, see `lagsplat.splat.image_model.choose_rasterizer`.
+        backend: Rasteriser, see `lagsplat.splat.image_model.rasterize`.
 
     Example:
         >>> import lagsplat
@@ -117,7 +117,7 @@ class Autoencoder(nn.Module):
         elif (across, down) != (1, 1):
             scale = scene.means.new_tensor([across * across, across * down, down * down])
             scene = scene._replace(means=scene.means * scale[::2].sqrt(), covariance=scene.covariance * scale)
-        return choose_rasterizer(self.backend, scene.means.device)(*scene, height=height, width=width)
+        return rasterize(*scene, height=height, width=width, backend=self.backend)
 
     def filmed_view(self, like: Tensor) -> View:
         """The recording's own camera, which defines the coordinates of space."""

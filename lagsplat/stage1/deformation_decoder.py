@@ -20,7 +20,7 @@ from tqdm import tqdm
 from lagsplat.array_types import Frames, Images, Latents
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
-from lagsplat.splat.image_model import choose_rasterizer
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.losses import anisotropy, structural_dissimilarity
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
@@ -58,8 +58,8 @@ class DeformationField(nn.Module):
 
     def draw(self, slices: list[GaussianSlice], *, backend: str) -> Images:
         """Draw the slices as images."""
-        rasterize = choose_rasterizer(backend, slices[0].means.device)
-        return torch.cat([rasterize(*scene, height=self.height, width=self.width) for scene in slices])
+        size = {"height": self.height, "width": self.width}
+        return torch.cat([rasterize(*scene, **size, backend=backend) for scene in slices])
 
     def jacobian(self, z: Tensor) -> Tensor:
         """Derivative of each centre by the latent at ``z`` (d,): (K, 2, d) [px per unit of z]."""

@@ -1,15 +1,18 @@
 """Laws every rasteriser obeys, whatever the scene."""
 
+from functools import partial
+
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu import rasterize as raster_numba
+from lagsplat.splat.image_model import rasterize
 
 BOTH = pytest.mark.parametrize(
-    "rasterize", [raster_torch.rasterize, raster_numba.rasterize], ids=["torch", "numba"]
+    "rasterize",
+    [partial(rasterize, backend="torch"), partial(rasterize, backend="numba")],
+    ids=["torch", "numba"],
 )
 # The first call may compile the kernels, so no single example has a deadline.
 FEW = settings(max_examples=15, deadline=None)

@@ -6,9 +6,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lagsplat.splat.gaussians import GaussianSlice
-from lagsplat.splat.image_model import ALPHA_MIN
+from lagsplat.splat.image_model import ALPHA_MIN, rasterize
 from lagsplat.splat.projection import View, make_view, project
-from lagsplat.splat.rasterize_torch import rasterize
 from lagsplat.views.camera import Camera, look_at, orbit_camera
 
 FEW = settings(max_examples=15, deadline=None)

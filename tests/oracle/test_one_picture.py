@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.splat import rasterize_torch as raster_torch
 from lagsplat.splat.cpu.slice import FrameRasterizer, slice_at
 from lagsplat.splat.gaussians import Gaussians
+from lagsplat.splat.image_model import rasterize
 from tests.unit.evaluate import tiny_run
 
 
@@ -38,7 +38,7 @@ def test_gaussians_that_have_faded_or_left_the_picture_are_passed_over_and_no_ot
     drawer = FrameRasterizer(cloud, height=24, width=30, stretch=(1.0, 1.0))
     for z in torch.randn(6, 4):
         scene = cloud.condition(z[None])
-        expected = raster_torch.rasterize(*scene, height=24, width=30)[0].detach().numpy()
+        expected = rasterize(*scene, height=24, width=30)[0].detach().numpy()
         np.testing.assert_allclose(
             drawer.draw(z.double().numpy()), 255.0 * expected.transpose(1, 2, 0), atol=0.51
         )

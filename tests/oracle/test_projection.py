@@ -5,9 +5,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu import rasterize as raster_numba
 from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import compute_depths, make_view, project
 from lagsplat.views.camera import Camera, look_at, orbit_camera
 
@@ -96,8 +95,8 @@ def test_what_is_behind_or_not_finite_is_not_drawn_and_harms_no_gradient() -> No
     means[0, 0, 2], means[0, 1, 2], means[0, 2, 0] = -60.0, -50.0, torch.nan
     kept = scene._replace(opacity=scene.opacity.clone().index_fill_(1, torch.arange(3), 0.0))
     means.requires_grad_()
-    images = raster_torch.rasterize(*seen(scene._replace(means=means), chosen), height=HEIGHT, width=WIDTH)
-    expected = raster_torch.rasterize(*seen(kept, chosen), height=HEIGHT, width=WIDTH)
+    images = rasterize(*seen(scene._replace(means=means), chosen), height=HEIGHT, width=WIDTH)
+    expected = rasterize(*seen(kept, chosen), height=HEIGHT, width=WIDTH)
     torch.testing.assert_close(images, expected)
     images.sum().backward()
     assert means.grad is not None
@@ -127,12 +126,10 @@ def test_numba_draws_space_as_the_specification_does() -> None:
     """Shapes, colours and orders that differ between images, forward and backward."""
     single = cloud(dtype=torch.float32)
     results = []
-    for rasterize, dtype in (
-        (raster_numba.rasterize, torch.float32),
-        (raster_torch.rasterize, torch.float64),
-    ):
+    for backend, dtype in (("numba", torch.float32), ("torch", torch.float64)):
         inputs = [part.detach().to(dtype).requires_grad_() for part in single]
-        images = rasterize(*seen(GaussianSlice(*inputs), cameras()), height=HEIGHT, width=WIDTH)
+        scene = seen(GaussianSlice(*inputs), cameras())
+        images = rasterize(*scene, height=HEIGHT, width=WIDTH, backend=backend)
         weight = torch.randn(images.shape, generator=torch.Generator().manual_seed(1))
         results.append((images, torch.autograd.grad((images * weight).sum(), inputs)))
     (mine, slopes), (reference, expected) = results
@@ -153,7 +150,8 @@ def test_the_nearer_of_two_covers_the_other_from_both_sides() -> None:
         background=torch.zeros(3),
     )
     flat = project(scene, make_view([front, behind]), height=HEIGHT, width=WIDTH)
-    middle = raster_numba.rasterize(*flat, height=HEIGHT, width=WIDTH)[:, :, HEIGHT // 2, WIDTH // 2]
+    images = rasterize(*flat, height=HEIGHT, width=WIDTH, backend="numba")
+    middle = images[:, :, HEIGHT // 2, WIDTH // 2]
     assert middle[0, 2] > 0.8 > middle[0, 0]
     assert middle[1, 0] > 0.8 > middle[1, 2]
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from lagsplat.splat import rasterize_gsplat as raster_gsplat
-from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu import rasterize as raster_numba
-from lagsplat.splat.image_model import choose_rasterizer
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import rasterize
+from lagsplat.splat.rasterize_gsplat import TILE_PX, embed_in_space
+from lagsplat.splat.rasterize_torch import evaluate_alphas
 
 
 def random_scene(batch, count, height, width, *, sigma=1.7, opacity=(0.02, 0.9), margin=3.0, seed=0):
@@ -47,9 +47,11 @@ SCENES = {
 }
 
 
-def images_and_gradients(rasterize, scene, height, width, dtype) -> tuple[Tensor, list[Tensor]]:
+def images_and_gradients(backend, scene, height, width, dtype, device="cpu") -> tuple[Tensor, list[Tensor]]:
     inputs = [tensor.to(dtype).requires_grad_() for tensor in scene]
-    images = rasterize(*inputs, height=height, width=width)
+    images = rasterize(
+        *(part.to(device) for part in inputs), height=height, width=width, backend=backend
+    ).cpu()
     weight = torch.randn(images.shape, generator=torch.Generator().manual_seed(1))
     gradients = torch.autograd.grad((images * weight).sum(), inputs)
     return images.detach(), list(gradients)
@@ -66,8 +68,8 @@ def assert_gradients_agree(found, expected, *, relative=1e-3):
 @pytest.mark.parametrize("name", SCENES)
 def test_numba_agrees_with_the_specification(name):
     scene, height, width = SCENES[name]
-    images, gradients = images_and_gradients(raster_numba.rasterize, scene, height, width, torch.float32)
-    reference, expected = images_and_gradients(raster_torch.rasterize, scene, height, width, torch.float64)
+    images, gradients = images_and_gradients("numba", scene, height, width, torch.float32)
+    reference, expected = images_and_gradients("torch", scene, height, width, torch.float64)
     assert images.dtype == torch.float32
     assert images.shape == reference.shape == (len(scene[0]), 3, height, width)
     torch.testing.assert_close(images.double(), reference, atol=1e-4, rtol=0)
@@ -76,7 +78,7 @@ def test_numba_agrees_with_the_specification(name):
 
 def test_the_opaque_scene_does_stop_pixels():
     scene, height, width = SCENES["opaque stack"]
-    alpha = raster_torch._alpha(scene[0][0], scene[1], scene[2][0], height, width)
+    alpha = evaluate_alphas(scene[0][0], scene[1], scene[2][0], height, width)
     assert (torch.cumprod(1 - alpha, 0)[-1] <= 1e-4).float().mean() > 0.5
 
 
@@ -111,7 +113,7 @@ def naive(means, covariance, opacity, color, background, *, height, width):
 def test_the_specification_agrees_with_a_naive_loop(opacity):
     scene = [tensor.double() for tensor in random_scene(2, 25, 6, 9, sigma=3.0, opacity=opacity)]
     torch.testing.assert_close(
-        raster_torch.rasterize(*scene, height=6, width=9),
+        rasterize(*scene, height=6, width=9),
         naive(*scene, height=6, width=9),
         atol=1e-12,
         rtol=0,
@@ -121,19 +123,16 @@ def test_the_specification_agrees_with_a_naive_loop(opacity):
 def test_the_gradient_of_the_specification_agrees_with_differences():
     scene = [tensor.double().requires_grad_() for tensor in random_scene(1, 4, 4, 5, margin=0.0, seed=3)]
     assert torch.autograd.gradcheck(
-        lambda *inputs: raster_torch.rasterize(*inputs, height=4, width=5), scene, eps=1e-7, atol=1e-5
+        lambda *inputs: rasterize(*inputs, height=4, width=5), scene, eps=1e-7, atol=1e-5
     )
 
 
-@pytest.mark.parametrize(
-    "rasterize", [raster_torch.rasterize, raster_numba.rasterize], ids=["torch", "numba"]
-)
-def test_the_clamp_passes_no_gradient_on(rasterize):
+@pytest.mark.parametrize("backend", ["torch", "numba"])
+def test_the_clamp_passes_no_gradient_on(backend):
     means = torch.tensor([[[0.5, 0.5]]], requires_grad=True)
     opacity = torch.tensor([[1.0]], requires_grad=True)
-    images = rasterize(
-        means, torch.tensor([[4.0, 0.0, 4.0]]), opacity, torch.ones(1, 3), torch.zeros(3), height=1, width=1
-    )
+    covariance, color = torch.tensor([[4.0, 0.0, 4.0]]), torch.ones(1, 3)
+    images = rasterize(means, covariance, opacity, color, torch.zeros(3), height=1, width=1, backend=backend)
     torch.testing.assert_close(images, torch.full((1, 3, 1, 1), 0.999))
     for gradient in torch.autograd.grad(images.sum(), (means, opacity)):
         assert (gradient == 0).all()
@@ -142,15 +141,16 @@ def test_the_clamp_passes_no_gradient_on(rasterize):
 def test_gsplat_finds_every_pair_in_index_order():
     """gsplat's own tile lists, from its CPU twin: all pairs with alpha >= 1/255 are there, front to back."""
     reference = pytest.importorskip("gsplat.cuda._torch_impl", reason="gsplat is not installed")
-    height, width, tile = 40, 50, raster_gsplat.TILE_PX
-    means, covariance, opacity, color, _ = random_scene(2, 60, height, width, opacity=(0.0, 1.0))
-    scene = raster_gsplat.embed_in_space(means, covariance, opacity, color)
+    height, width, tile = 40, 50, TILE_PX
+    planar = GaussianSlice(*random_scene(2, 60, height, width, opacity=(0.0, 1.0)))
+    means, covariance, opacity, _, _ = planar
+    scene = embed_in_space(planar)
     across, down = -(-width // tile), -(-height // tile)
     _, keys, order = reference._isect_tiles(scene.means, scene.radii, scene.depths, tile, across, down)
     offsets = reference._isect_offset_encode(keys, 2, across, down).flatten().tolist()
     listed = [order[a:b].tolist() for a, b in pairwise([*offsets, len(order)])]
     for image in range(2):
-        alpha = raster_torch._alpha(means[image], covariance, opacity[image], height, width)
+        alpha = evaluate_alphas(means[image], covariance, opacity[image], height, width)
         for part in range(across * down):
             y, x = part // across * tile, part % across * tile
             covered = (alpha[:, y : y + tile, x : x + tile] > 0).flatten(1).any(1).nonzero()[
@@ -162,8 +162,8 @@ def test_gsplat_finds_every_pair_in_index_order():
 
 
 def test_gsplat_embedding_keeps_the_conics():
-    means, covariance, opacity, color, _ = random_scene(2, 10, 8, 8)
-    conics = raster_gsplat.embed_in_space(means, covariance, opacity, color).conics[0]
+    scene = GaussianSlice(*random_scene(2, 10, 8, 8))
+    covariance, conics = scene.covariance, embed_in_space(scene).conics[0]
     blurred = torch.stack([covariance[:, [0, 1]], covariance[:, [1, 2]]], 1) + 0.3 * torch.eye(2)
     inverse = torch.stack([conics[:, [0, 1]], conics[:, [1, 2]]], 1)
     torch.testing.assert_close(blurred @ inverse, torch.eye(2).expand(10, 2, 2), atol=1e-5, rtol=0)
@@ -174,11 +174,7 @@ def test_gsplat_embedding_keeps_the_conics():
 def test_gsplat_agrees_with_the_specification(name):
     pytest.importorskip("gsplat", reason="gsplat is not installed")
     scene, height, width = SCENES[name]
-
-    def draw(*inputs, **size):
-        return choose_rasterizer("gsplat", "cuda")(*[tensor.cuda() for tensor in inputs], **size).cpu()
-
-    images, gradients = images_and_gradients(draw, scene, height, width, torch.float32)
-    reference, expected = images_and_gradients(raster_torch.rasterize, scene, height, width, torch.float64)
+    images, gradients = images_and_gradients("gsplat", scene, height, width, torch.float32, "cuda")
+    reference, expected = images_and_gradients("torch", scene, height, width, torch.float64)
     torch.testing.assert_close(images.double(), reference, atol=1e-4, rtol=0)
     assert_gradients_agree(gradients, expected)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from lagsplat.chart.visibility import Decode, measure_visibility
 from lagsplat.splat.gaussians import Gaussians
-from lagsplat.splat.rasterize_torch import rasterize
+from lagsplat.splat.image_model import rasterize
 
 
 def exact_gram(decode: Decode, q: np.ndarray) -> np.ndarray:

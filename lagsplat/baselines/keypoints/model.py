@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
-from lagsplat.splat.image_model import choose_rasterizer
+from lagsplat.splat.image_model import rasterize
 
 KIND, SCHEMA = "forecaster", 1
 
@@ -284,7 +284,7 @@ class KeyPointScene(nn.Module):
         """The image with its Gaussians at ``place`` [half widths], rotated to ``angle`` [rad]."""
         half = self.width / 2
         means = place * half + place.new_tensor([half, self.height / 2])
-        return choose_rasterizer(backend, place.device)(
+        return rasterize(
             means[None],
             self.covariance(angle),
             torch.sigmoid(self.opacity_logit)[None],
@@ -292,6 +292,7 @@ class KeyPointScene(nn.Module):
             torch.sigmoid(self.background_logit),
             height=self.height,
             width=self.width,
+            backend=backend,
         )
 
     def covariance(self, angle: Float[Tensor, "N 1"]) -> Float[Tensor, "N 3"]:

@@ -9,37 +9,12 @@ behind accumulates on the way, so the forward pass stores nothing per Gaussian a
 import numpy as np
 from numba import prange
 
+from lagsplat.splat.cpu import tiles
 from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, sum_lanes
-from lagsplat.splat.cpu.tile import (
-    BASE,
-    CROSSING,
-    CUTOFF,
-    END,
-    FIRST,
-    HEIGHT,
-    OFFSET,
-    OPACITY,
-    PITCH,
-    PRECISION_X,
-    PRECISION_Y,
-    ROWS,
-    SLOPE,
-    STOP,
-    TWO,
-    ZERO,
-    cross,
-    exp_minus,
-    meeting,
-    place,
-    tiles,
-)
+from lagsplat.splat.cpu.tiles import BLUE, GREEN, PRECISION_X, PRECISION_Y, RED, STOP, TWO, ZERO
 from lagsplat.splat.image_model import ALPHA_MAX
 
-RED = 2 * PITCH
-GREEN = 3 * PITCH
-BLUE = 4 * PITCH
-BEHIND = 5 * PITCH
-STRIDE = 6 * PITCH
+BEHIND, STRIDE = 5 * tiles.PITCH, 6 * tiles.PITCH
 
 
 @compiled(parallel=True)
@@ -58,7 +33,7 @@ def backward(spots, slices, color, background, state, grad, workers):
     """
     batch, count = len(spots), slices.shape[1]
     height, width = grad.shape[2:]
-    number = tiles(height, width)
+    number = tiles.count_tiles(height, width)
     shares = min(number, (workers + batch - 1) // max(batch, 1))
     spot_grad = np.zeros((shares, batch, count, 3), np.float32)
     single = len(slices) == 1
@@ -69,27 +44,18 @@ def backward(spots, slices, color, background, state, grad, workers):
             frame, share = task // shares, task % shares
             own = frame % len(slices)
             for part in range(share, number, shares):
-                top, left, rows, columns = place(part, height, width)
-                tile = fill(state[frame], grad[frame], background, top, left, rows, columns)
-                undraw(
-                    spot_grad[share, frame],
-                    shared_grad[worker if single else share, own],
-                    tile,
-                    spots[frame],
-                    slices[own],
-                    color[own],
-                    top,
-                    left,
-                    rows,
-                    columns,
-                )
+                window = tiles.place(part, height, width)
+                tile = fill(state[frame], grad[frame], background, window)
+                grads = (spot_grad[share, frame], shared_grad[worker if single else share, own])
+                undraw(grads, tile, spots[frame], slices[own], color[own], window)
     return spot_grad, shared_grad
 
 
 @compiled()
-def fill(state, grad, background, top, left, rows, columns):
+def fill(state, grad, background, window):
     """Restore a tile as the forward kernel left it, with the loss gradient of its pixels."""
-    tile = np.zeros(ROWS * STRIDE, np.float32)
+    top, left, rows, columns = window
+    tile = np.zeros(tiles.ROWS * STRIDE, np.float32)
     for row in range(rows):
         for column in range(columns):
             at = row * STRIDE + column
@@ -106,48 +72,39 @@ def fill(state, grad, background, top, left, rows, columns):
 
 
 @compiled()
-def undraw(spot_grad, shared_grad, tile, spots, slices, color, top, left, rows, columns):
+def undraw(grads, tile, spots, slices, color, window):
     """Remove the spots (6, K) of a frame from one of its tiles and add to both gradients."""
-    crossing = np.empty(CROSSING, np.float32)
+    spot_grad, shared_grad = grads
+    crossing = np.empty(tiles.CROSSING, np.float32)
     for group in range(spots.shape[1] - WIDTH, -1, -WIDTH):
-        met = meeting(spots, group, top, left, rows, columns)
+        met = tiles.meeting(spots, group, window)
         for lane in range(WIDTH - 1, -1, -1):
             if met >> lane & 1:
                 k = group + lane
                 spot, shape = spots[:, k], slices[k]
-                first_row, count, widest = cross(crossing, spot, shape, top, left, rows, columns)
-                undraw_spot(
-                    spot_grad[k],
-                    shared_grad[k],
-                    tile,
-                    crossing,
-                    first_row,
-                    count,
-                    widest,
-                    spot,
-                    shape,
-                    color[k],
-                    np.float32(k),
-                )
+                crossed = tiles.cross(crossing, spot, shape, window)
+                of_spot = (spot_grad[k], shared_grad[k])
+                undraw_spot(of_spot, tile, crossing, crossed, spot, shape, color[k], np.float32(k))
 
 
 @compiled()
-def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest, spot, shape, color, index):
+def undraw_spot(grads, tile, crossing, crossed, spot, shape, color, index):
     """Remove one spot from the rows of a tile that it crosses."""
-    red, green, blue = color[0], color[1], color[2]
-    # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height above the
-    # centre.
+    spot_grad, shared_grad = grads
+    first_row, count, widest = crossed
+    rgb = color[0], color[1], color[2]
+    # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height over the centre.
     g = g_u = g_h = g_uu = g_uh = g_hh = splat(ZERO)
     to_red = to_green = to_blue = splat(ZERO)
     for shift in range(0, widest, WIDTH):
         for row in range(count):
-            column = crossing[row + FIRST] + np.float32(shift)
-            if column < crossing[row + END]:
-                u = iota() + (crossing[row + OFFSET] + np.float32(shift))
-                h = crossing[row + HEIGHT]
-                sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
+            column = crossing[row + tiles.FIRST] + np.float32(shift)
+            if column < crossing[row + tiles.END]:
+                u = iota() + (crossing[row + tiles.OFFSET] + np.float32(shift))
+                h = crossing[row + tiles.HEIGHT]
+                sigma = u * u * shape[PRECISION_X] + crossing[row + tiles.BASE]
                 at = (first_row + row) * STRIDE + int(column)
-                here, weight = unblend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
+                here, weight = unblend(tile, at, sigma, spot, index, rgb)
                 to_red = to_red + weight * load(tile, at + RED)
                 to_green = to_green + weight * load(tile, at + GREEN)
                 to_blue = to_blue + weight * load(tile, at + BLUE)
@@ -156,8 +113,8 @@ def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest
                 g_uu, g_uh, g_hh = g_uu + here_u * u, g_uh + here_u * h, g_hh + here_h * h
     pull_x = TWO * shape[PRECISION_X] * sum_lanes(g_u)
     spot_grad[0] -= pull_x
-    spot_grad[1] += shape[SLOPE] * pull_x - TWO * shape[PRECISION_Y] * sum_lanes(g_h)
-    spot_grad[2] -= sum_lanes(g) / spot[OPACITY]
+    spot_grad[1] += shape[tiles.SLOPE] * pull_x - TWO * shape[PRECISION_Y] * sum_lanes(g_h)
+    spot_grad[2] -= sum_lanes(g) / spot[tiles.OPACITY]
     shared_grad[0] -= TWO * shape[PRECISION_X] * sum_lanes(g_uh)
     shared_grad[1] += sum_lanes(g_uu)
     shared_grad[2] += sum_lanes(g_hh)
@@ -167,18 +124,18 @@ def undraw_spot(spot_grad, shared_grad, tile, crossing, first_row, count, widest
 
 
 @compiled()
-def unblend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
+def unblend(tile, at, sigma, spot, index, rgb):
     """Remove one Gaussian from the ``WIDTH`` pixels from ``at``; return dL/dsigma and its weight in each."""
-    covered = opacity * exp_minus(sigma)
-    live = (sigma <= cutoff) & (index < load(tile, at + STOP))
+    covered = spot[tiles.OPACITY] * tiles.exp_minus(sigma)
+    live = (sigma <= spot[tiles.CUTOFF]) & (index < load(tile, at + STOP))
     alpha = select(live, minimum(covered, splat(ALPHA_MAX)), splat(ZERO))
     inverse = 1.0 / (1.0 - alpha)
     before = load(tile, at) * inverse
     weight = alpha * before
-    own = red * load(tile, at + RED) + green * load(tile, at + GREEN) + blue * load(tile, at + BLUE)
+    red, green, blue = load(tile, at + RED), load(tile, at + GREEN), load(tile, at + BLUE)
+    own = rgb[0] * red + rgb[1] * green + rgb[2] * blue
     behind = load(tile, at + BEHIND)
     store(tile, at, before)
     store(tile, at + BEHIND, behind + weight * own)
-    # The clamp has no gradient, nor have pixels far outside, where `covered` is arbitrary but alpha
-    # is 0.
+    # The clamp has no gradient, nor have pixels far outside, where `covered` is arbitrary but alpha is 0.
     return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), splat(ZERO)), weight

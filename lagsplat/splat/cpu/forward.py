@@ -5,33 +5,12 @@
 import numpy as np
 from numba import prange
 
+from lagsplat.splat.cpu import tiles
 from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, to_bits
-from lagsplat.splat.cpu.tile import (
-    BASE,
-    CROSSING,
-    CUTOFF,
-    END,
-    FIRST,
-    OFFSET,
-    ONE,
-    OPACITY,
-    PITCH,
-    PRECISION_X,
-    ROWS,
-    STOP,
-    ZERO,
-    cross,
-    exp_minus,
-    meeting,
-    place,
-    tiles,
-)
+from lagsplat.splat.cpu.tiles import BLUE, GREEN, RED, STOP, ZERO
 from lagsplat.splat.image_model import ALPHA_MAX, TRANSMITTANCE_MIN
 
-RED = 2 * PITCH
-GREEN = 3 * PITCH
-BLUE = 4 * PITCH
-STRIDE = 5 * PITCH
+STRIDE = 5 * tiles.PITCH
 
 
 @compiled(parallel=True)
@@ -49,12 +28,14 @@ def forward(spots, slices, color, background, height, width):
     batch, count = len(spots), slices.shape[1]
     images = np.empty((batch, 3, height, width), np.float32)
     state = np.empty((batch, 2, height, width), np.float32)
-    for task in prange(batch * tiles(height, width)):
-        frame = task // tiles(height, width)
-        top, left, rows, columns = place(task % tiles(height, width), height, width)
+    number = tiles.count_tiles(height, width)
+    for task in prange(batch * number):
+        frame = task // number
+        window = tiles.place(task % number, height, width)
+        top, left, rows, columns = window
         tile = blank(columns, count)
         own = frame % len(slices)
-        draw(tile, spots[frame], slices[own], color[own], top, left, rows, columns)
+        draw(tile, spots[frame], slices[own], color[own], window)
         for row in range(rows):
             for column in range(columns):
                 at = row * STRIDE + column
@@ -70,55 +51,56 @@ def forward(spots, slices, color, background, height, width):
 @compiled()
 def blank(columns, count):
     """An empty tile for ``count`` Gaussians; only its first ``columns`` columns are drawn."""
-    tile = np.zeros(ROWS * STRIDE, np.float32)
-    for row in range(ROWS):
+    tile = np.zeros(tiles.ROWS * STRIDE, np.float32)
+    for row in range(tiles.ROWS):
         for column in range(columns):
-            tile[row * STRIDE + column] = ONE
+            tile[row * STRIDE + column] = tiles.ONE
             tile[row * STRIDE + STOP + column] = np.float32(count)
     return tile
 
 
 @compiled()
-def draw(tile, spots, slices, color, top, left, rows, columns):
+def draw(tile, spots, slices, color, window):
     """Draw the spots (6, K) of a frame into one of its tiles."""
-    crossing = np.empty(CROSSING, np.float32)
+    crossing = np.empty(tiles.CROSSING, np.float32)
     for group in range(0, spots.shape[1], WIDTH):
-        met = meeting(spots, group, top, left, rows, columns)
+        met = tiles.meeting(spots, group, window)
         for lane in range(WIDTH):
             if met >> lane & 1:
                 k = group + lane
                 spot, shape = spots[:, k], slices[k]
-                first_row, count, widest = cross(crossing, spot, shape, top, left, rows, columns)
-                draw_spot(tile, crossing, first_row, count, widest, spot, shape, color[k], np.float32(k))
+                crossed = tiles.cross(crossing, spot, shape, window)
+                draw_spot(tile, crossing, crossed, spot, shape, color[k], np.float32(k))
 
 
 @compiled()
-def draw_spot(tile, crossing, first_row, count, widest, spot, shape, color, index):
+def draw_spot(tile, crossing, crossed, spot, shape, color, index):
     """Draw one spot where it crosses the rows of a tile."""
-    red, green, blue = color[0], color[1], color[2]
+    first_row, count, widest = crossed
+    rgb = color[0], color[1], color[2]
     for shift in range(0, widest, WIDTH):
         for row in range(count):
-            column = crossing[row + FIRST] + np.float32(shift)
-            if column < crossing[row + END]:
-                u = iota() + (crossing[row + OFFSET] + np.float32(shift))
-                sigma = u * u * shape[PRECISION_X] + crossing[row + BASE]
+            column = crossing[row + tiles.FIRST] + np.float32(shift)
+            if column < crossing[row + tiles.END]:
+                u = iota() + (crossing[row + tiles.OFFSET] + np.float32(shift))
+                sigma = u * u * shape[tiles.PRECISION_X] + crossing[row + tiles.BASE]
                 at = (first_row + row) * STRIDE + int(column)
-                blend(tile, at, sigma, spot[OPACITY], spot[CUTOFF], index, red, green, blue)
+                blend(tile, at, sigma, spot, index, rgb)
 
 
 @compiled()
-def blend(tile, at, sigma, opacity, cutoff, index, red, green, blue):
+def blend(tile, at, sigma, spot, index, rgb):
     """Blend one Gaussian into the ``WIDTH`` pixels from ``at``."""
-    alpha = minimum(opacity * exp_minus(sigma), splat(ALPHA_MAX))
+    alpha = minimum(spot[tiles.OPACITY] * tiles.exp_minus(sigma), splat(ALPHA_MAX))
     before = load(tile, at)
     stop = load(tile, at + STOP)
     after = before - alpha * before
-    live = (sigma <= cutoff) & (index < stop)
+    live = (sigma <= spot[tiles.CUTOFF]) & (index < stop)
     finished = live & (after <= TRANSMITTANCE_MIN)
     weight = select(live & (after > TRANSMITTANCE_MIN), alpha * before, splat(ZERO))
     store(tile, at, before - weight)
-    store(tile, at + RED, load(tile, at + RED) + weight * red)
-    store(tile, at + GREEN, load(tile, at + GREEN) + weight * green)
-    store(tile, at + BLUE, load(tile, at + BLUE) + weight * blue)
+    store(tile, at + RED, load(tile, at + RED) + weight * rgb[0])
+    store(tile, at + GREEN, load(tile, at + GREEN) + weight * rgb[1])
+    store(tile, at + BLUE, load(tile, at + BLUE) + weight * rgb[2])
     if to_bits(finished):
         store(tile, at + STOP, select(finished, splat(index), stop))

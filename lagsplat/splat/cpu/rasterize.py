@@ -9,50 +9,28 @@ from torch import Tensor
 
 from lagsplat.splat.cpu.backward import backward
 from lagsplat.splat.cpu.forward import forward
-from lagsplat.splat.cpu.tile import find_spots
-from lagsplat.splat.image_model import BLUR_PX2, require_scene
+from lagsplat.splat.cpu.tiles import find_spots
+from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import blur
 
 
-def rasterize(
-    means: Float[Tensor, "B K 2"],
-    covariance: Float[Tensor, "*S K 3"],
-    opacity: Float[Tensor, "B K"],
-    color: Float[Tensor, "*S K 3"],
-    background: Float[Tensor, " 3"],
-    *,
-    height: int,
-    width: int,
-) -> Float[Tensor, "B 3 H W"]:
-    """Draw B images of K Gaussians on the CPU in float32, differentiable once in all five tensors.
-
-    Uses ``numba.get_num_threads()`` threads. The first call on a machine compiles the kernels (seconds);
-    later processes load them from the disk cache.
-
-    Args: as `lagsplat.splat.rasterize_torch.rasterize`.
-
-    Raises:
-        ValueError: shapes, types or devices do not match, or the tensors are not float32 on the CPU.
-    """
-    require_scene(means, covariance, opacity, color, background, height=height, width=width)
-    if means.dtype != torch.float32 or means.device.type != "cpu":
-        raise ValueError(
-            f"the numba rasteriser draws float32 tensors on the CPU, got {means.dtype} on {means.device}: "
-            "convert them, or choose the backend 'torch' (float64) or 'gsplat' (CUDA)"
-        )
-    slices, color = (each if each.ndim == 3 else each[None] for each in (slices_of(covariance), color))
-    images: Tensor = _Rasterize.apply(means, slices, opacity, color, background, height, width)
+def draw_numba(scene: GaussianSlice, height: int, width: int) -> Float[Tensor, "B 3 H W"]:
+    """Draw a float32 scene on the CPU, differentiable once; as `lagsplat.rasterize`."""
+    slices, color = slices_of(scene.covariance), scene.color
+    if color.ndim == 2:
+        slices, color = slices[None], color[None]
+    images: Tensor = _Rasterize.apply(
+        scene.means, slices, scene.opacity, color, scene.background, height, width
+    )
     return images
 
 
 def slices_of(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
-    """The slices of the blurred covariances, laid out as in `lagsplat.splat.cpu.tile`.
+    """The slices of the blurred covariances, laid out as in `lagsplat.splat.cpu.tiles`.
 
     NaN where there is nothing to draw; the gradient there is zero.
     """
-    xx, xy, yy = covariance.double().unbind(-1)
-    xx, yy = xx + BLUR_PX2, yy + BLUR_PX2
-    drawn = covariance.isfinite().all(-1) & (xx > 0) & (xx * yy - xy**2 > 0)
-    xx, xy, yy = torch.where(drawn, xx, 1.0), torch.where(drawn, xy, 0.0), torch.where(drawn, yy, 1.0)
+    xx, xy, yy, drawn = blur(covariance)
     slope = xy / yy
     extents = (2 * torch.stack([xx, yy])).sqrt().detach()
     slices = torch.stack([slope, 0.5 / (xx - slope * xy), 0.5 / yy, *extents], dim=-1)

@@ -117,24 +117,23 @@ def select(typing, mask, yes, no):
     return lanes_t(mask_t, lanes_t, lanes_t), build
 
 
-@intrinsic
-def minimum(typing, left, right):
-    """The smaller of two Lanes, lane by lane."""
+def _binary(result, build, operands=lanes_t):
+    """The operation on two values of one type that ``build(builder, left, right)`` generates."""
 
-    def build(context, builder, signature, arguments):
-        return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
+    @intrinsic
+    def operation(typing, left, right):
+        def generate(context, builder, signature, arguments):
+            return build(builder, *arguments)
 
-    return lanes_t(lanes_t, lanes_t), build
+        return result(operands, operands), generate
+
+    return operation
 
 
-@intrinsic
-def maximum(typing, left, right):
-    """The larger of two Lanes, lane by lane; ``right`` where ``left`` is NaN."""
-
-    def build(context, builder, signature, arguments):
-        return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
-
-    return lanes_t(lanes_t, lanes_t), build
+minimum = _binary(lanes_t, lambda builder, x, y: builder.select(builder.fcmp_ordered("<", x, y), x, y))
+"""The smaller of two Lanes, lane by lane."""
+maximum = _binary(lanes_t, lambda builder, x, y: builder.select(builder.fcmp_ordered(">", x, y), x, y))
+"""The larger of two Lanes, lane by lane; ``right`` where ``left`` is NaN."""
 
 
 def _function(name):
@@ -180,33 +179,14 @@ def sum_lanes(typing, value):
 
 
 def _arithmetic(name):
-    @intrinsic
-    def operation(typing, left, right):
-        def build(context, builder, signature, arguments):
-            return getattr(builder, name)(*arguments, flags=_FLAGS)
-
-        return lanes_t(lanes_t, lanes_t), build
-
-    return operation
+    return _binary(lanes_t, lambda builder, x, y: getattr(builder, name)(x, y, flags=_FLAGS))
 
 
 def _comparison(symbol):
-    @intrinsic
-    def operation(typing, left, right):
-        def build(context, builder, signature, arguments):
-            return builder.fcmp_ordered(symbol, *arguments)
-
-        return mask_t(lanes_t, lanes_t), build
-
-    return operation
+    return _binary(mask_t, lambda builder, x, y: builder.fcmp_ordered(symbol, x, y))
 
 
-@intrinsic
-def _both(typing, left, right):
-    def build(context, builder, signature, arguments):
-        return builder.and_(*arguments)
-
-    return mask_t(mask_t, mask_t), build
+_both = _binary(mask_t, lambda builder, x, y: builder.and_(x, y), mask_t)
 
 
 def _overload(function, operation):

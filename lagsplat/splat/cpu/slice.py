@@ -14,22 +14,11 @@ import torch
 from jaxtyping import Float32, Float64, UInt8
 from torch import Tensor
 
+from lagsplat.splat.cpu import tiles
 from lagsplat.splat.cpu.forward import forward
 from lagsplat.splat.cpu.rasterize import slices_of
 from lagsplat.splat.cpu.simd import WIDTH, compiled, load, maximum, splat, square_root, store, to_bits
-from lagsplat.splat.cpu.tile import (
-    CUTOFF,
-    EXTENT_X,
-    EXTENT_Y,
-    HALF,
-    HALF_HEIGHT,
-    HALF_WIDTH,
-    OPACITY,
-    ZERO,
-    X,
-    Y,
-    exp_minus,
-)
+from lagsplat.splat.cpu.tiles import HALF, ZERO
 from lagsplat.splat.gaussians import Gaussians
 
 
@@ -81,12 +70,12 @@ def condition(found, z, table, k, height, width):
     root = square_root(maximum(cutoff, splat(ZERO)))
     half_width = root * load(table, (factor + 2) * count + k)
     half_height = root * load(table, (factor + 3) * count + k)
-    store(found, X * count + k, x)
-    store(found, Y * count + k, y)
-    store(found, OPACITY * count + k, load(table, (factor + 1) * count + k) * exp_minus(faded))
-    store(found, CUTOFF * count + k, cutoff)
-    store(found, HALF_WIDTH * count + k, half_width)
-    store(found, HALF_HEIGHT * count + k, half_height)
+    store(found, tiles.X * count + k, x)
+    store(found, tiles.Y * count + k, y)
+    store(found, tiles.OPACITY * count + k, load(table, (factor + 1) * count + k) * tiles.exp_minus(faded))
+    store(found, tiles.CUTOFF * count + k, cutoff)
+    store(found, tiles.HALF_WIDTH * count + k, half_width)
+    store(found, tiles.HALF_HEIGHT * count + k, half_height)
     across = (x + half_width > ZERO) & (x - half_width < np.float32(width))
     down = (y + half_height > ZERO) & (y - half_height < np.float32(height))
     return to_bits((splat(ZERO) <= cutoff) & across & down)
@@ -119,7 +108,7 @@ class FrameRasterizer:
         x, y = stretch
         covariance = gaussians.covariance().cpu() * torch.tensor([x * x, x * y, y * y])
         slices = slices_of(covariance)
-        self.table = _table(gaussians, slices[:, [EXTENT_X, EXTENT_Y]], torch.tensor([x, y]))
+        self.table = _table(gaussians, slices[:, [tiles.EXTENT_X, tiles.EXTENT_Y]], torch.tensor([x, y]))
         self.slices = slices.numpy()
         self.color = torch.sigmoid(gaussians.color_logit.cpu()).numpy()
         self.background = gaussians.background().cpu().numpy().copy()

@@ -8,7 +8,7 @@ from jaxtyping import Float64, UInt8
 
 from lagsplat.chart.chart import Chart
 from lagsplat.splat.cpu.slice import FrameRasterizer
-from lagsplat.splat.image_model import choose_rasterizer
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import make_view, project
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.views.camera import Camera
@@ -65,7 +65,7 @@ class SceneRenderer:
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         assert autoencoder.lens is not None, "only Gaussians in space have a camera"
         self.model, self.chart = autoencoder.gaussians, chart
-        self.rasterize = choose_rasterizer(autoencoder.backend, self.model.center.device)
+        self.backend = autoencoder.backend
         self.stretch, height, width = _sized(autoencoder, side)
         across, down, x, y = autoencoder.lens
         size = {"height": autoencoder.height, "width": autoencoder.width}
@@ -90,7 +90,7 @@ class SceneRenderer:
         if color is not None:
             scene = scene._replace(color=color.to(raw), background=torch.zeros_like(scene.background))
         size = {"height": camera.height, "width": camera.width}
-        drawn = self.rasterize(*project(scene, make_view([camera]), **size), **size)
+        drawn = rasterize(*project(scene, make_view([camera]), **size), **size, backend=self.backend)
         return drawn[0].clamp(0.0, 1.0).mul(255.0).add(0.5).byte().permute(1, 2, 0).cpu().numpy()
 
     def project_points(self, places: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 2"]:

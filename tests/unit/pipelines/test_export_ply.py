@@ -10,8 +10,8 @@ from lagsplat.io.files.ply import read_cloud
 from lagsplat.pipelines.export import export_ply
 from lagsplat.runs.run import FittedRun, choose_state
 from lagsplat.splat.gaussians import GaussianSlice
+from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import make_view, project
-from lagsplat.splat.rasterize_torch import rasterize
 from lagsplat.views.camera import center_camera, orbit_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.rocking import rocking

@@ -4,9 +4,7 @@ import pytest
 import torch
 
 from lagsplat import provenance
-from lagsplat.splat import rasterize_torch as raster_torch
-from lagsplat.splat.cpu import rasterize as raster_numba
-from lagsplat.splat.image_model import choose_device, choose_rasterizer
+from lagsplat.splat.image_model import choose_backend, choose_device, rasterize
 
 
 def test_training_goes_where_the_rasteriser_draws():
@@ -15,21 +13,23 @@ def test_training_goes_where_the_rasteriser_draws():
 
 
 def test_the_device_decides_what_auto_means():
-    assert choose_rasterizer("auto", "cpu") is raster_numba.rasterize
-    assert choose_rasterizer("torch", torch.device("cpu")) is raster_torch.rasterize
+    assert choose_backend("cpu") == "numba"
+    assert choose_backend("cuda") in ("gsplat", "torch")
+    assert choose_backend("mps") == "torch"
 
 
 @pytest.mark.parametrize(
     ("name", "device", "message"),
     [
         ("numpy", "cpu", "choose one of auto"),
-        ("gsplat", "cpu", "draws on cuda"),
-        ("numba", "cuda", "draws on cpu"),
+        ("gsplat", "cpu", "draws float32 tensors on cuda, got torch.float32 on cpu"),
+        ("numba", "meta", "draws float32 tensors on cpu, got torch.float32 on meta"),
     ],
 )
 def test_an_impossible_choice_is_refused(name, device, message):
+    scene = [torch.zeros(shape, device=device) for shape in ((1, 2, 2), (2, 3), (1, 2), (2, 3), (3,))]
     with pytest.raises(ValueError, match=message):
-        choose_rasterizer(name, device)
+        rasterize(*scene, height=4, width=5, backend=name)
 
 
 def test_a_result_depends_on_every_rasteriser():

@@ -20,24 +20,13 @@ import math
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu.simd import (
-    WIDTH,
-    compiled,
-    floor,
-    iota,
-    load,
-    maximum,
-    minimum,
-    splat,
-    square_root,
-    store,
-    to_bits,
-)
+from lagsplat.splat.cpu import simd
+from lagsplat.splat.cpu.simd import WIDTH, compiled, load, splat, store
 
 ROWS = 32
 COLUMNS = 32
 PITCH = COLUMNS + WIDTH
-STOP = PITCH
+STOP, RED, GREEN, BLUE = PITCH, 2 * PITCH, 3 * PITCH, 4 * PITCH
 
 # Rows of the spots (6, K) of a frame. K is padded to a multiple of WIDTH.
 X, Y, OPACITY, CUTOFF, HALF_WIDTH, HALF_HEIGHT = range(6)
@@ -81,14 +70,14 @@ def find_spots(means, opacity, cutoff, slices):
 
 
 @compiled()
-def tiles(height, width):
+def count_tiles(height, width):
     """Number of tiles in an image."""
     return (height + ROWS - 1) // ROWS * ((width + COLUMNS - 1) // COLUMNS)
 
 
 @compiled()
 def place(tile, height, width):
-    """First row and column of a tile in its image, and its numbers of rows and columns."""
+    """The window of a tile in its image: first row and column, numbers of rows and columns."""
     across = (width + COLUMNS - 1) // COLUMNS
     top = tile // across * ROWS
     left = tile % across * COLUMNS
@@ -96,24 +85,26 @@ def place(tile, height, width):
 
 
 @compiled()
-def meeting(spots, k, top, left, rows, columns):
+def meeting(spots, k, window):
     """Which of the ``WIDTH`` spots from ``k`` on reach into the tile, as bits; those with NaN do not."""
+    top, left, rows, columns = window
     count = spots.shape[1]
     x = load(spots, X * count + k) - np.float32(left)
     y = load(spots, Y * count + k) - np.float32(top)
     half_width = load(spots, HALF_WIDTH * count + k)
     half_height = load(spots, HALF_HEIGHT * count + k)
     inside_x = (x + half_width > ZERO) & (x - half_width < np.float32(columns))
-    return to_bits(inside_x & (y + half_height > ZERO) & (y - half_height < np.float32(rows)))
+    return simd.to_bits(inside_x & (y + half_height > ZERO) & (y - half_height < np.float32(rows)))
 
 
 @compiled()
-def cross(crossing, spot, shape, top, left, rows, columns):
+def cross(crossing, spot, shape, window):
     """Fill in where a spot with slice ``shape`` crosses the rows of a tile, in pixels of the tile.
 
     Returns the first row, the number of rows, and the width of the widest [px]. Infinities and NaN give rows
     of zero width: comparisons with NaN are false, and comparisons clip every bound to the tile.
     """
+    top, left, rows, columns = window
     x = spot[X] - np.float32(left) - HALF
     y = spot[Y] - np.float32(top) - HALF
     cutoff = spot[CUTOFF]
@@ -123,13 +114,14 @@ def cross(crossing, spot, shape, top, left, rows, columns):
     nothing = splat(ZERO)
     everything = splat(np.float32(columns))
     for row in range(0, count, WIDTH):
-        height = iota() + (np.float32(first_row + row) - y)
+        height = simd.iota() + (np.float32(first_row + row) - y)
         base = height * height * shape[PRECISION_Y]
         axis = height * shape[SLOPE] + x
-        reach = square_root(maximum(cutoff - base, nothing) * variance) + RIM
-        first = floor(minimum(maximum(axis - reach + ONE, nothing), everything))
+        reach = simd.square_root(simd.maximum(cutoff - base, nothing) * variance) + RIM
+        first = simd.floor(simd.minimum(simd.maximum(axis - reach + ONE, nothing), everything))
+        end = simd.floor(simd.minimum(simd.maximum(axis + reach + ONE, nothing), everything))
         store(crossing, row + FIRST, first)
-        store(crossing, row + END, floor(minimum(maximum(axis + reach + ONE, nothing), everything)))
+        store(crossing, row + END, end)
         store(crossing, row + OFFSET, first - axis)
         store(crossing, row + HEIGHT, height)
         store(crossing, row + BASE, base)
