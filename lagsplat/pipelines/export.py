@@ -19,7 +19,8 @@ from lagsplat.io.files.ply import PlyCloud, write_cloud
 from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 from lagsplat.runs.run import FittedRun
 from lagsplat.splat.image_model import ALPHA_MIN
-from lagsplat.splat.point_cloud import LOWER, covariances_to_quaternions
+from lagsplat.splat.point_cloud import to_quaternions
+from lagsplat.splat.projection import SQUARE
 from lagsplat.stage1.autoencoder import Autoencoder, decode_chunks
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
@@ -200,15 +201,12 @@ def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> PlyClou
         unit = float(autoencoder.filmed_view(model.center).focal[0, 0])
     else:
         means, packed, unit = _stood_up(means, packed, autoencoder.height, autoencoder.width)
-    full = np.zeros((len(means), 3, 3))
-    for entry, (i, j) in enumerate(LOWER):
-        full[:, i, j] = full[:, j, i] = packed[:, entry]
-    values, vectors = np.linalg.eigh(full)
+    values, vectors = np.linalg.eigh(packed[:, SQUARE].reshape(-1, 3, 3))
     shown = opacity >= ALPHA_MIN
     return PlyCloud(
         means=means[shown] / unit,
         scales=np.sqrt(np.maximum(values[shown], FLAT)) / unit,
-        quaternions=covariances_to_quaternions(vectors[shown]),
+        quaternions=to_quaternions(vectors[shown]),
         colors=scene.color.double().cpu().numpy()[shown],
         opacities=opacity[shown],
     )

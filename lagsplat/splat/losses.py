@@ -10,8 +10,8 @@ from torch import Tensor
 from lagsplat.array_types import Images
 
 SSIM_SIGMA = 1.5  # [px], of the window: Wang et al. 2004, doi:10.1109/TIP.2003.819861
-EQUAL_AXES = 1e-9  # margin on a cosine that is 1 where two axes of an ellipsoid are equal
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2  # the same, for colours in [0, 1]
+EQUAL_AXES = 1e-9  # margin on a cosine that is 1 where two axes of an ellipsoid are equal
 
 
 @cache

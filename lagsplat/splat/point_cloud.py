@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float32, Float64, UInt8
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from lagsplat.io.files.ply import PlyCloud
@@ -16,7 +17,6 @@ from lagsplat.views.camera import Camera
 
 FAINT = 0.005  # opacity below which a Gaussian is left out
 OPAQUE = 0.99
-LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 
 
 class PointCloudScene(NamedTuple):
@@ -28,47 +28,39 @@ class PointCloudScene(NamedTuple):
 
 
 @torch.no_grad()
-def build_point_cloud(
-    cloud: PlyCloud, cameras: Sequence[Camera], *, blur_px2: float, backend: str = "auto"
-) -> PointCloudScene:
-    """Draw a cloud whose sRGB colours blend in linear light, on black.
+def build_point_cloud(cloud: PlyCloud, cameras: Sequence[Camera], *, blur_px2: float) -> PointCloudScene:
+    """Draw a cloud whose sRGB colours blend in linear light, on black; ``cameras`` are one per image.
 
-    Args:
-        cloud: The Gaussians.
-        cameras: One per image.
-        blur_px2: Added to the drawn covariances instead of the 0.3 of training.
-        backend: Rasteriser, see `lagsplat.splat.image_model.rasterize`.
+    ``blur_px2`` is added to the drawn covariances instead of the 0.3 of training.
 
     Source: the renderer of SHARP, arXiv:2512.10685.
     """
-    device = choose_device(backend)
+    device = choose_device("auto")
     kept = cloud.opacities >= FAINT
-    full = cloud.covariances()[kept]
-    packed = np.stack([full[:, i, j] for i, j in LOWER], axis=1)
+    rows, columns = np.tril_indices(3)
+    packed = cloud.covariances()[kept][:, rows, columns]
     parts = [cloud.means[kept], packed, cloud.opacities[kept], srgb_to_linear(cloud.colors[kept].clip(0, 1))]
     means, covariance, opacity, color = (
         torch.as_tensor(part, dtype=torch.float32, device=device) for part in parts
     )
     scene = GaussianSlice(means[None], covariance, opacity[None].clamp(max=1.0), color, color.new_zeros(3))
-    shown = [_seen(scene, camera, blur_px2, device, backend) for camera in cameras]
-    light, cover, depth = (torch.cat([each[i] for each in shown]).cpu().numpy() for i in range(3))
+    shown = [_draw(scene, camera, blur_px2) for camera in cameras]
+    light, cover, depth = (torch.cat(each).cpu().numpy() for each in zip(*shown, strict=True))
     images = np.round(255 * linear_to_srgb(light.clip(0, 1))).astype(np.uint8)
     return PointCloudScene(np.ascontiguousarray(np.moveaxis(images, 1, 3)), cover, depth)
 
 
-def _seen(
-    scene: GaussianSlice, camera: Camera, blur_px2: float, device: str, backend: str
-) -> tuple[Tensor, Tensor, Tensor]:
+def _draw(scene: GaussianSlice, camera: Camera, blur_px2: float) -> tuple[Tensor, Tensor, Tensor]:
     """Light (1, 3, H, W), cover and depth (1, H, W) of one camera."""
     size = {"height": camera.height, "width": camera.width}
-    view = View(*(part.to(device) for part in make_view([camera])))
+    view = View(*(part.to(scene.means) for part in make_view([camera])))
     ahead = compute_depths(scene.means, view)
     # Depth and presence are drawn in place of colours.
-    told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
-    flat = project(scene._replace(color=torch.cat([scene.color[None], told], dim=2)), view, **size)
-    sharp = flat.covariance + torch.tensor([1.0, 0.0, 1.0], device=device) * (blur_px2 - BLUR_PX2)
+    labels = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
+    flat = project(scene._replace(color=torch.cat([scene.color[None], labels], dim=2)), view, **size)
+    sharp = flat.covariance + flat.covariance.new_tensor([1.0, 0.0, 1.0]) * (blur_px2 - BLUR_PX2)
     light, other = (
-        rasterize(*flat._replace(covariance=sharp, color=part.contiguous()), **size, backend=backend)
+        rasterize(*flat._replace(covariance=sharp, color=part.contiguous()), **size, backend="auto")
         for part in flat.color.split(3, 2)
     )
     cover = other[:, 1]
@@ -80,10 +72,7 @@ def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyClou
 
     Weights are the opacities; the merged Gaussian stops the light of its parts, spread over its extent.
 
-    Args:
-        cloud: ``layers`` grids of ``side`` x ``side`` Gaussians, row by row.
-        side, layers: Size and number of the grids.
-        by: Cells to merge, each way.
+    ``cloud`` holds ``layers`` grids of ``side`` x ``side`` Gaussians, row by row.
 
     Raises:
         ValueError: the number of Gaussians is another, or ``by`` does not divide the side.
@@ -108,7 +97,7 @@ def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyClou
     return PlyCloud(
         means=middle,
         scales=np.sqrt(np.maximum(values, 1e-18)),
-        quaternions=covariances_to_quaternions(vectors),
+        quaternions=to_quaternions(vectors),
         colors=linear_to_srgb((share * colors).sum(1)),
         opacities=(1 - np.exp(-total)).clip(max=OPAQUE),
     )
@@ -127,28 +116,10 @@ def _face(covariance: np.ndarray, means: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / np.maximum(means[..., 2], 1e-6) ** 2
 
 
-def covariances_to_quaternions(turns: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 4"]:
+def to_quaternions(axes: Float64[np.ndarray, "N 3 3"]) -> Float64[np.ndarray, "N 4"]:
     """Unit quaternions (w, x, y, z) of orthonormal matrices; reflections are negated first."""
-    turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
-    diagonal = np.diagonal(turns, axis1=1, axis2=2)
-    signs = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-    squares = 1 + diagonal @ signs.T
-    # The column of the largest entry loses no digits.
-    best = squares.argmax(1)
-    rows = np.empty((len(turns), 4, 4))
-    for i in range(4):
-        rows[:, i, i] = squares[:, i]
-    for (i, j), (a, b, sign) in {
-        (0, 1): (2, 1, -1),
-        (0, 2): (0, 2, -1),
-        (0, 3): (1, 0, -1),
-        (1, 2): (0, 1, 1),
-        (1, 3): (0, 2, 1),
-        (2, 3): (1, 2, 1),
-    }.items():
-        rows[:, i, j] = rows[:, j, i] = turns[:, a, b] + sign * turns[:, b, a]
-    chosen = rows[np.arange(len(turns)), best]
-    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    turns = axes * np.sign(np.linalg.det(axes))[:, None, None]
+    return Rotation.from_matrix(turns).as_quat(scalar_first=True)
 
 
 def srgb_to_linear(color: np.ndarray) -> np.ndarray:
@@ -158,6 +129,5 @@ def srgb_to_linear(color: np.ndarray) -> np.ndarray:
 
 def linear_to_srgb(light: np.ndarray) -> np.ndarray:
     """Convert linear light in [0, 1] to sRGB colours. Source: IEC 61966-2-1."""
-    return np.where(
-        light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
-    )
+    bright = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(light <= 0.0031308, 12.92 * light, bright)

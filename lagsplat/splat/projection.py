@@ -78,46 +78,38 @@ def project(scene: GaussianSlice, view: View, *, height: int, width: int) -> Gau
             f"{len(view.rotation)} cameras for {len(scene.means)} images of Gaussians in "
             f"{scene.means.shape[2]} dimensions: give Gaussians of space, and one camera an image or for all"
         )
-    seen, drawn = _within(scene.means, view)
-    flat = torch.addcmul(view.middle[:, None], view.focal[:, None], seen[..., :2] / seen[..., 2:])
-    shape = _flattened(scene.covariance, seen, view, height, width)
+    means = scene.means
+    inside = torch.baddbmm(view.translation[:, None], means, view.rotation.mT.expand(len(means), 3, 3))
+    drawn = (inside[..., 2] >= NEAR) & inside.isfinite().all(2)
+    # Replaced before the division: autograd would turn an unused infinity into NaN.
+    inside = torch.where(drawn[..., None], inside, inside.new_tensor([0.0, 0.0, 1.0]))
+    flat = torch.addcmul(view.middle[:, None], view.focal[:, None], inside[..., :2] / inside[..., 2:])
+    shape = _flatten(scene.covariance, inside, view, height, width)
     opacity = torch.where(drawn, scene.opacity, 0)
-    order = torch.where(drawn, seen[..., 2], torch.inf).detach().argsort(dim=1, stable=True)
+    order = torch.where(drawn, inside[..., 2], torch.inf).detach().argsort(dim=1, stable=True)
     color = scene.color.expand(*opacity.shape, scene.color.shape[-1])
-    return GaussianSlice(
-        means=_sorted(flat, order),
-        covariance=_sorted(shape, order),
-        opacity=opacity.gather(1, order),
-        color=_sorted(color, order),
-        background=scene.background,
+    means, shape, color = (
+        part.gather(1, order[..., None].expand(*order.shape, part.shape[2])) for part in (flat, shape, color)
     )
+    return GaussianSlice(means, shape, opacity.gather(1, order), color, scene.background)
 
 
 def compute_depths(means: Float[Tensor, "B K 3"], view: View) -> Float[Tensor, "B K"]:
     """Depth of each centre ahead of its camera."""
-    return (
-        torch.einsum("bki,bi->bk", means, view.rotation[:, 2].expand(len(means), 3)) + view.translation[:, 2:]
-    )
+    ahead = view.rotation[:, 2].expand(len(means), 3)
+    return torch.einsum("bki,bi->bk", means, ahead) + view.translation[:, 2:]
 
 
-def _within(means: Float[Tensor, "B K 3"], view: View) -> tuple[Float[Tensor, "B K 3"], Tensor]:
-    """Centres in camera coordinates, and which are drawn; the others are placed one unit ahead."""
-    seen = torch.baddbmm(view.translation[:, None], means, view.rotation.mT.expand(len(means), 3, 3))
-    drawn = (seen[..., 2] >= NEAR) & seen.isfinite().all(2)
-    # Replaced before the division: autograd would turn an unused infinity into NaN.
-    return torch.where(drawn[..., None], seen, seen.new_tensor([0.0, 0.0, 1.0])), drawn
-
-
-def _flattened(
-    covariance: Float[Tensor, "K 6"], seen: Float[Tensor, "B K 3"], view: View, height: int, width: int
+def _flatten(
+    covariance: Float[Tensor, "K 6"], inside: Float[Tensor, "B K 3"], view: View, height: int, width: int
 ) -> Float[Tensor, "B K 3"]:
     """Covariance of the projected Gaussians [px^2], as xx, xy, yy."""
-    size = seen.new_tensor([width, height])
+    size = inside.new_tensor([width, height])
     slack = MARGIN * 0.5 * size
-    slope = seen[..., :2] / seen[..., 2:]
+    slope = inside[..., :2] / inside[..., 2:]
     slope = torch.minimum(slope, ((size - view.middle + slack) / view.focal)[:, None])
     slope = torch.maximum(slope, (-(view.middle + slack) / view.focal)[:, None])
-    scale = view.focal[:, None] / seen[..., 2:]
+    scale = view.focal[:, None] / inside[..., 2:]
     # The two rows of A R: a row of R minus the slope times its last row.
     right, down = (
         scale[..., i, None] * (view.rotation[:, None, i] - slope[..., i, None] * view.rotation[:, None, 2])
@@ -125,10 +117,5 @@ def _flattened(
     )
     full = covariance[:, SQUARE].unflatten(1, (3, 3))
     spread_right, spread_down = (torch.einsum("kij,bkj->bki", full, row) for row in (right, down))
-    return torch.stack(
-        [(right * spread_right).sum(2), (right * spread_down).sum(2), (down * spread_down).sum(2)], dim=2
-    )
-
-
-def _sorted(values: Float[Tensor, "B K c"], order: Tensor) -> Float[Tensor, "B K c"]:
-    return values.gather(1, order[..., None].expand(*order.shape, values.shape[2]))
+    xx, xy, yy = right * spread_right, right * spread_down, down * spread_down
+    return torch.stack([xx.sum(2), xy.sum(2), yy.sum(2)], dim=2)

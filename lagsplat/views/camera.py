@@ -38,18 +38,18 @@ class Camera:
 
     def __post_init__(self) -> None:
         turn = self.rotation
-        if turn.shape != (3, 3) or self.position.shape != (3,):
+        shapes = turn.shape, self.position.shape
+        if shapes != ((3, 3), (3,)):
             raise ValueError(
-                f"a camera has a 3 x 3 rotation and 3 coordinates, not {turn.shape} and {self.position.shape}"
+                f"a camera has a 3 x 3 rotation and 3 coordinates, not {shapes[0]} and {shapes[1]}"
             )
         if not (np.isfinite(turn).all() and np.isfinite(self.position).all()):
             raise ValueError("a camera's pose is not finite; calibrate it again")
-        off = float(np.abs(turn @ turn.T - np.eye(3)).max())
-        if off > ROUNDING or np.linalg.det(turn) < 0:
+        off, determinant = float(np.abs(turn @ turn.T - np.eye(3)).max()), np.linalg.det(turn)
+        if off > ROUNDING or determinant < 0:
             raise ValueError(
                 f"a camera's rotation is not one: R R^T misses the identity by {off:.2g} and its determinant "
-                f"is {np.linalg.det(turn):.4g}; give the world-to-camera rotation in OpenCV's axes (x right, "
-                "y down, z ahead), orthonormal and with determinant 1"
+                f"is {determinant:.4g}; give the world-to-camera rotation in OpenCV's axes, determinant 1"
             )
         positive = min(*self.focal, self.height, self.width) > 0
         if not positive or not np.isfinite([*self.focal, *self.middle]).all():
@@ -75,13 +75,8 @@ class Camera:
     def resized(self, height: int, width: int) -> "Camera":
         """The same camera at another resolution."""
         across, down = width / self.width, height / self.height
-        return replace(
-            self,
-            focal=(across * self.focal[0], down * self.focal[1]),
-            middle=(across * self.middle[0], down * self.middle[1]),
-            height=height,
-            width=width,
-        )
+        focal, middle = ((across * x, down * y) for x, y in (self.focal, self.middle))
+        return replace(self, focal=focal, middle=middle, height=height, width=width)
 
     def of_plane(self, origin: Point, right: Point, down: Point) -> Homography:
         """Homography from (a, b, 1) on the plane ``origin + a right + b down`` to image coordinates.
@@ -116,8 +111,8 @@ def look_at(
 ) -> Camera:
     """A camera that sees ``target`` at the image centre, from a ``distance`` [m].
 
-    The angles move it right and up around the target: zero is the frontal view. ``view_width`` [m] is that of
-    the view at the target.
+    The angles move it right and up around the target: zero is the frontal view. At the target the view is
+    ``view_width`` [m] wide.
     """
     turn = turn_camera(yaw_deg, pitch_deg)
     focal = width * distance / view_width
@@ -160,8 +155,7 @@ class ViewSpace:
     def __post_init__(self) -> None:
         if not (self.depth > 0 and np.isfinite(self.depth)):
             raise ValueError(
-                f"the pivot's depth is {self.depth}: it must lie ahead of the reference camera, a positive "
-                "distance in the unit of the cameras' positions"
+                f"the pivot's depth ahead of the reference camera is {self.depth}: give a positive one"
             )
 
     @property
@@ -180,11 +174,8 @@ class ViewSpace:
 
     def seen_by(self, camera: Camera) -> Camera:
         """Convert a camera of the world to these coordinates."""
-        return replace(
-            camera,
-            rotation=camera.rotation @ self.reference.rotation.T,
-            position=self.inside(camera.position[None])[0],
-        )
+        rotation = camera.rotation @ self.reference.rotation.T
+        return replace(camera, rotation=rotation, position=self.inside(camera.position[None])[0])
 
     def inside(self, points: Float64[np.ndarray, "N 3"]) -> Float64[np.ndarray, "N 3"]:
         """Convert world points to these coordinates."""
@@ -204,17 +195,16 @@ def arrange_cameras(
     Returns cameras, their names and whether each is held out.
     """
     yaws, pitches = _ticks(config.yaw_deg, config.columns), _ticks(config.pitch_deg, config.rows)
-    angles = [(yaw, pitch, False) for pitch in pitches for yaw in yaws]
+    grid = [(yaw, pitch) for pitch in pitches for yaw in yaws]
     turns = START + 2 * np.pi * np.arange(config.held_out) / max(config.held_out, 1)
-    angles += [
-        (BETWEEN * config.yaw_deg * np.cos(turn), BETWEEN * config.pitch_deg * np.sin(turn), True)
-        for turn in turns
-    ]
+    yaw_extent, pitch_extent = BETWEEN * config.yaw_deg, BETWEEN * config.pitch_deg
+    between = [(yaw_extent * np.cos(turn), pitch_extent * np.sin(turn)) for turn in turns]
+    angles = grid + between
     cameras = [
-        orbit_camera(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch, _ in angles
+        orbit_camera(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch in angles
     ]
-    names = [f"yaw {yaw:+.1f} pitch {pitch:+.1f}" for yaw, pitch, _ in angles]
-    return cameras, names, [held_out for *_, held_out in angles]
+    names = [f"yaw {yaw:+.1f} pitch {pitch:+.1f}" for yaw, pitch in angles]
+    return cameras, names, [False] * len(grid) + [True] * len(between)
 
 
 def _ticks(extent: float, count: int) -> list[float]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.clips import find_clips
 from lagsplat.io.video.decode import read_frame_size
 from lagsplat.views.camera import Camera, ViewSpace
-from lagsplat.views.rig import Rig, RigCamera
+from lagsplat.views.rig import Rig
 
 KIND, SCHEMA = "views", 1
 KNOWN = 0.5  # cover above which a pixel is known; below it there is a hole
@@ -46,11 +46,7 @@ class NovelViews:
                 f"{len(self.held_out)} marks of what is held out: give one of each per image"
             )
         for name, camera in zip(self.names, self.cameras, strict=True):
-            if (camera.height, camera.width) != (height, width):
-                raise ValueError(
-                    f"camera {name!r} is of {camera.height} x {camera.width} pixels and its images of "
-                    f"{height} x {width}: resize one of them, the camera with `resized`"
-                )
+            _require_images_of(camera, height, width, f"camera {name!r}", "its images")
         if self.cover is not None and self.cover.shape != self.images.shape[:4]:
             raise ValueError(f"cover of shape {self.cover.shape} for images of shape {self.images.shape}")
         if self.held_out.all():
@@ -64,21 +60,24 @@ class NovelViews:
     def first(self, count: int) -> "NovelViews":
         """The views of the first ``count`` instants."""
         cover = None if self.cover is None else self.cover[:count]
-        return NovelViews(self.images[:count], cover, self.cameras, self.names, self.held_out, self.space)
+        return replace(self, images=self.images[:count], cover=cover)
 
 
 def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> None:
     """Raise a ValueError unless views have these frames' instants and the size of their reference camera."""
     count, height, width, _ = frames.shape
-    reference = views.space.reference
     if len(views.images) != count:
         raise ValueError(
             f"novel views of {len(views.images)} instants for {count} frames: make them from this recording"
         )
-    if (reference.height, reference.width) != (height, width):
+    _require_images_of(views.space.reference, height, width, "the views' reference camera", "the frames")
+
+
+def _require_images_of(camera: Camera, height: int, width: int, who: str, images: str) -> None:
+    if (camera.height, camera.width) != (height, width):
         raise ValueError(
-            f"the views' reference camera is of {reference.height} x {reference.width} pixels and the frames "
-            f"of {height} x {width}: make the views again from this recording"
+            f"{who} is of {camera.height} x {camera.width} pixels and {images} of {height} x {width}: make "
+            "the views again from this recording, or resize the camera with `resized`"
         )
 
 
@@ -99,26 +98,17 @@ def save_views(path: str | os.PathLike[str], views: NovelViews, header: Mapping[
 def load_views(path: str | os.PathLike[str]) -> NovelViews:
     """Load the views at ``path``, errors as `load_artifact`; images are a read-only memory map."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("images",))
-    return NovelViews(
-        images=tensors["images"],
-        cover=tensors.get("cover"),
-        cameras=tuple(read_camera(values) for values in header["cameras"]),
-        names=tuple(header["names"]),
-        held_out=tensors["held_out"],
-        space=ViewSpace(read_camera(header["reference"]), header["depth"]),
-    )
+    cameras = tuple(_read_camera(values) for values in header["cameras"])
+    space = ViewSpace(_read_camera(header["reference"]), header["depth"])
+    names, cover = tuple(header["names"]), tensors.get("cover")
+    return NovelViews(tensors["images"], cover, cameras, names, tensors["held_out"], space)
 
 
-def read_camera(values: Mapping[str, Any]) -> Camera:
+def _read_camera(values: Mapping[str, Any]) -> Camera:
     """Rebuild a camera from the output of `dataclasses.asdict`."""
-    return Camera(
-        rotation=np.array(values["rotation"], dtype=np.float64),
-        position=np.array(values["position"], dtype=np.float64),
-        focal=(float(values["focal"][0]), float(values["focal"][1])),
-        middle=(float(values["middle"][0]), float(values["middle"][1])),
-        height=values["height"],
-        width=values["width"],
-    )
+    pose = {key: np.array(values[key], dtype=np.float64) for key in ("rotation", "position")}
+    lens = {key: tuple(float(value) for value in values[key]) for key in ("focal", "middle")}
+    return Camera(**{**values, **pose, **lens})
 
 
 def cameras_bytes(cameras: Sequence[Camera]) -> bytes:
@@ -143,17 +133,16 @@ def collect_filmed_views(
         assert each.video is not None, "the rig names a video for every other camera"
         _require_size(f"camera {each.name!r}", each.camera, each.video)
         other = read(each.video)
-        _require_instants(each, other, recording)
+        _require_instants(each.name, other, recording)
         images.append(np.asarray(other.frames))
     height, width = recording.height, recording.width
-    return NovelViews(
-        images=np.stack(images, axis=1),
-        cover=None,
-        cameras=tuple(each.camera.resized(height, width) for each in rig.others),
-        names=tuple(each.name for each in rig.others),
-        held_out=np.array([each.held_out for each in rig.others]),
-        space=rig.space.resized(height, width),
+    cameras = tuple(each.camera.resized(height, width) for each in rig.others)
+    names, held_out = (
+        tuple(each.name for each in rig.others),
+        np.array([each.held_out for each in rig.others]),
     )
+    space = rig.space.resized(height, width)
+    return NovelViews(np.stack(images, axis=1), None, cameras, names, held_out, space)
 
 
 def _require_size(who: str, camera: Camera, video: Path) -> None:
@@ -165,17 +154,17 @@ def _require_size(who: str, camera: Camera, video: Path) -> None:
         )
 
 
-def _require_instants(each: RigCamera, other: Recording, recording: Recording) -> None:
+def _require_instants(name: str, other: Recording, recording: Recording) -> None:
     if other.n_frames != recording.n_frames:
         raise ValueError(
-            f"camera {each.name!r} has {other.n_frames} frames and the reference {recording.n_frames}; cut "
-            "both to the same instants"
+            f"camera {name!r} has {other.n_frames} frames and the reference {recording.n_frames}; cut both "
+            "to the same instants"
         )
     spacing = float(np.median(np.diff(recording.time_s)))
     since_first, reference = (times - times[0] for times in (other.time_s, recording.time_s))
     off = float(np.abs(since_first - reference).max())
     if off > 0.5 * spacing:
         raise ValueError(
-            f"camera {each.name!r} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s "
+            f"camera {name!r} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s "
             "apart; the cameras of a rig must be synchronous"
         )

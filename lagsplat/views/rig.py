@@ -28,6 +28,7 @@ import numpy as np
 from lagsplat.views.camera import Camera, ViewSpace
 
 FORMAT, VERSION = "lagsplat rig", 1
+SEE = "see lagsplat/views/rig.py for the form"
 
 
 @dataclass(frozen=True)
@@ -57,68 +58,66 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     file = Path(path).expanduser()
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        return _parse_rig(json.loads(file.read_text(encoding="utf-8")), file.parent)
     except json.JSONDecodeError as error:
-        raise ValueError(f"{file}: not JSON ({error}); see lagsplat/views/rig.py for the form") from error
+        raise ValueError(f"{file}: not JSON ({error}); {SEE}") from error
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+def _parse_rig(content: Any, folder: Path) -> Rig:
     if not isinstance(content, dict) or (content.get("format"), content.get("version")) != (FORMAT, VERSION):
-        raise ValueError(f"{file}: not a rig of version {VERSION}; begin it with {_HEAD}")
-    cameras = [_camera(file, values) for values in _get(file, content, "cameras")]
+        head = f'{{"format": "{FORMAT}", "version": {VERSION}, ...}}'
+        raise ValueError(f"not a rig of version {VERSION}; begin it with {head}")
+    cameras = [_parse_camera(values, folder) for values in _get(content, "cameras")]
     names = [each.name for each in cameras]
     if len(set(names)) != len(names):
-        raise ValueError(f"{file}: cameras are called {names}; give each a name of its own")
-    reference = _get(file, content, "reference")
+        raise ValueError(f"cameras are called {names}; give each a name of its own")
+    reference = _get(content, "reference")
     if reference not in names:
-        raise ValueError(f"{file}: the reference {reference!r} is none of the cameras {names}")
-    others = tuple(each for each in cameras if each.name != reference)
-    if missing := [each.name for each in others if each.video is None]:
-        raise ValueError(f"{file}: no video of {missing}; only the reference {reference!r} needs none")
-    if not others:
-        raise ValueError(f"{file}: {reference!r} is the only camera; a rig has two or more")
-    camera = next(each.camera for each in cameras if each.name == reference)
-    return Rig(others, ViewSpace(camera, float(_get(file, content, "pivot_depth"))))
+        raise ValueError(f"the reference {reference!r} is none of the cameras {names}")
+    camera = cameras.pop(names.index(reference)).camera
+    if missing := [each.name for each in cameras if each.video is None]:
+        raise ValueError(f"no video of {missing}; only the reference {reference!r} needs none")
+    if not cameras:
+        raise ValueError(f"{reference!r} is the only camera; a rig has two or more")
+    return Rig(tuple(cameras), ViewSpace(camera, float(_get(content, "pivot_depth"))))
 
 
-_HEAD = f'{{"format": "{FORMAT}", "version": {VERSION}, ...}}'
-
-
-def _camera(file: Path, values: dict[str, Any]) -> RigCamera:
-    name = str(_get(file, values, "name"))
+def _parse_camera(values: Any, folder: Path) -> RigCamera:
+    name = str(_get(values, "name"))
     if any(values.get("distortion") or []):
         raise ValueError(
-            f"{file}: camera {name!r} has lens distortion {values['distortion']}; undistort its video with "
+            f"camera {name!r} has lens distortion {values['distortion']}; undistort its video with "
             "cv2.undistort, give the new K and leave distortion out"
         )
-    lens, turn, shift = (_matrix(file, name, values, key) for key in ("K", "R", "t"))
+    lens, turn, shift = (_matrix(values, name, key) for key in ("K", "R", "t"))
     if lens.shape != (3, 3) or turn.shape != (3, 3) or shift.shape != (3,):
-        raise ValueError(f"{file}: camera {name!r} needs K and R of 3 x 3 and t of 3 numbers")
+        raise ValueError(f"camera {name!r} needs K and R of 3 x 3 and t of 3 numbers")
     if abs(lens[0, 1]) > 1e-6 * lens[0, 0] or not np.allclose(lens[2], [0, 0, 1]) or lens[1, 0]:
-        raise ValueError(f"{file}: K of camera {name!r} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        raise ValueError(f"K of camera {name!r} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    focal, middle = (float(lens[0, 0]), float(lens[1, 1])), (float(lens[0, 2]) + 0.5, float(lens[1, 2]) + 0.5)
+    height, width = int(_get(values, "height")), int(_get(values, "width"))
     try:
-        camera = Camera(
-            rotation=turn,
-            position=-turn.T @ shift,
-            focal=(float(lens[0, 0]), float(lens[1, 1])),
-            middle=(float(lens[0, 2]) + 0.5, float(lens[1, 2]) + 0.5),
-            height=int(_get(file, values, "height")),
-            width=int(_get(file, values, "width")),
-        )
+        camera = Camera(turn, -turn.T @ shift, focal, middle, height, width)
     except ValueError as error:
-        raise ValueError(f"{file}: camera {name!r}: {error}") from error
-    video = file.parent / str(values["video"]) if values.get("video") else None
+        raise ValueError(f"camera {name!r}: {error}") from error
+    video = folder / str(values["video"]) if values.get("video") else None
     if video is not None and not video.exists():
-        raise FileNotFoundError(f"{file}: camera {name!r}: no video {video}")
+        raise FileNotFoundError(f"camera {name!r}: no video {video}")
     return RigCamera(name, camera, video, bool(values.get("held_out", False)))
 
 
-def _get(file: Path, values: Any, key: str) -> Any:
+def _get(values: Any, key: str) -> Any:
     if not isinstance(values, dict) or key not in values:
         name = values.get("name", "a camera") if isinstance(values, dict) else "a camera"
-        raise ValueError(f"{file}: {key!r} is missing in {name!r}; see lagsplat/views/rig.py for the form")
+        raise ValueError(f"{key!r} is missing in {name!r}; {SEE}")
     return values[key]
 
 
-def _matrix(file: Path, name: str, values: dict[str, Any], key: str) -> np.ndarray:
+def _matrix(values: dict[str, Any], name: str, key: str) -> np.ndarray:
+    value = _get(values, key)
     try:
-        return np.array(_get(file, values, key), dtype=np.float64)
+        return np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{file}: {key} of camera {name!r} is not made of numbers ({error})") from error
+        raise ValueError(f"{key} of camera {name!r} is not made of numbers ({error})") from error

@@ -11,10 +11,10 @@ from plyfile import PlyData
 from lagsplat.io.files.ply import PlyCloud, is_whole, read_cloud, read_elements, read_sharp, write_cloud
 from lagsplat.splat.point_cloud import (
     build_point_cloud,
-    covariances_to_quaternions,
     linear_to_srgb,
     merge_clouds,
     srgb_to_linear,
+    to_quaternions,
 )
 from lagsplat.views.camera import Camera, center_camera
 
@@ -122,7 +122,7 @@ def test_quaternions_turn_back_into_their_matrices() -> None:
     unit = PlyCloud(
         cloud.means,
         np.tile([1.0, 2.0, 3.0], (200, 1)),
-        covariances_to_quaternions(turns),
+        to_quaternions(turns),
         cloud.colors,
         cloud.opacities,
     )
