@@ -52,17 +52,16 @@ def build_point_cloud(cloud: PlyCloud, cameras: Sequence[Camera], *, blur_px2: f
 
 def _draw(scene: GaussianSlice, camera: Camera, blur_px2: float) -> tuple[Tensor, Tensor, Tensor]:
     """Light (1, 3, H, W), cover and depth (1, H, W) of one camera."""
-    size = {"height": camera.height, "width": camera.width}
+    height, width = camera.height, camera.width
     view = View(*(part.to(scene.means) for part in make_view([camera])))
     ahead = compute_depths(scene.means, view)
     # Depth and presence are drawn in place of colours.
     labels = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
-    flat = project(scene._replace(color=torch.cat([scene.color[None], labels], dim=2)), view, **size)
+    labelled = scene._replace(color=torch.cat([scene.color[None], labels], dim=2))
+    flat = project(labelled, view, height=height, width=width)
     sharp = flat.covariance + flat.covariance.new_tensor([1.0, 0.0, 1.0]) * (blur_px2 - BLUR_PX2)
-    light, other = (
-        rasterize(*flat._replace(covariance=sharp, color=part.contiguous()), **size, backend="auto")
-        for part in flat.color.split(3, 2)
-    )
+    parts = [flat._replace(covariance=sharp, color=part.contiguous()) for part in flat.color.split(3, 2)]
+    light, other = (rasterize(*part, height=height, width=width, backend="auto") for part in parts)
     cover = other[:, 1]
     return light, cover, torch.where(cover > FAINT, other[:, 0] / cover.clamp_min(FAINT), 0.0)
 

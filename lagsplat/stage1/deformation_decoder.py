@@ -58,8 +58,9 @@ class DeformationField(nn.Module):
 
     def draw(self, slices: list[GaussianSlice], *, backend: str) -> Images:
         """Draw the slices as images."""
-        size = {"height": self.height, "width": self.width}
-        return torch.cat([rasterize(*scene, **size, backend=backend) for scene in slices])
+        height, width = self.height, self.width
+        drawn = [rasterize(*scene, height=height, width=width, backend=backend) for scene in slices]
+        return torch.cat(drawn)
 
     def jacobian(self, z: Tensor) -> Tensor:
         """Derivative of each centre by the latent at ``z`` (d,): (K, 2, d) [px per unit of z]."""

@@ -89,8 +89,9 @@ class SceneRenderer:
         scene = self.model.condition(raw)
         if color is not None:
             scene = scene._replace(color=color.to(raw), background=torch.zeros_like(scene.background))
-        size = {"height": camera.height, "width": camera.width}
-        drawn = rasterize(*project(scene, make_view([camera]), **size), **size, backend=self.backend)
+        height, width = camera.height, camera.width
+        flat = project(scene, make_view([camera]), height=height, width=width)
+        drawn = rasterize(*flat, height=height, width=width, backend=self.backend)
         return drawn[0].clamp(0.0, 1.0).mul(255.0).add(0.5).byte().permute(1, 2, 0).cpu().numpy()
 
     def project_points(self, places: Float64[np.ndarray, "*B 3"]) -> Float64[np.ndarray, "*B 2"]:
