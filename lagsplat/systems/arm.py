@@ -6,16 +6,16 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.systems import chain
-from lagsplat.systems.chain import Matrix, Table, Vector
+from lagsplat.systems.chain import Table
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.truth import (
+from lagsplat.systems.dynamics import (
+    Matrix,
+    Vector,
     VibrationModes,
     compute_stiffness,
     compute_vibration_modes,
     find_stable_rest,
 )
-
-N_NODES = 8
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,6 @@ class Arm:
     """A hanging arm; coordinates ``(theta_1, eps_1, ...)`` are bending angle [rad] and strain per segment."""
 
     table: Table
-    nodes: Float64[np.ndarray, " n_nodes"]
-    weights: Float64[np.ndarray, " n_nodes"]
     gravity: float
 
     @property
@@ -40,7 +38,7 @@ class Arm:
 
     def mass(self, q: Vector) -> Matrix:
         """Mass matrix at ``q``, in SI units of the coordinates."""
-        return chain.chain_inertia(q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity)[0]
+        return chain.chain_inertia(q, np.zeros_like(q), self.table, self.gravity)[0]
 
     def damping(self) -> Matrix:
         """Constant viscous damping matrix."""
@@ -48,15 +46,13 @@ class Arm:
 
     def static_force(self, q: Vector, pressure: Vector) -> Vector:
         """Generalised weight, elastic and chamber force at rest; ``pressure`` [atm]."""
-        _, _, weight = chain.chain_inertia(
-            q, np.zeros_like(q), self.table, self.nodes, self.weights, self.gravity
-        )
+        weight = chain.chain_inertia(q, np.zeros_like(q), self.table, self.gravity)[2]
         work = chain.chamber_volumes(q, self.table)[1].T @ pressure
         return weight + chain.elastic_force(q, self.table) + chain.ATMOSPHERE_PA * work
 
     def acceleration(self, q: Vector, v: Vector, pressure: Vector) -> Vector:
         """Second derivative of the coordinates [1/s^2]; ``pressure`` [atm]."""
-        return chain.acceleration(q, v, pressure, self.table, self.nodes, self.weights, self.gravity)
+        return chain.acceleration(q, v, pressure, self.table, self.gravity)
 
     def potential_energies(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         """Elastic plus gravitational energy [J] of each state; zero when undeformed at the clamp's height."""
@@ -71,9 +67,7 @@ class Arm:
         Raises:
             ValueError: no stable equilibrium is found, as under pressures that the springs cannot balance.
         """
-        rest = find_stable_rest(
-            lambda q: self.static_force(q, pressure), lambda q: self.stiffness(q, pressure), self.d
-        )
+        rest = find_stable_rest(lambda q: self.static_force(q, pressure), np.zeros(self.d))
         if rest is None:
             raise ValueError(
                 f"no stable rest pose under pressures {pressure} atm: the springs cannot hold the arm; lower "
@@ -81,23 +75,20 @@ class Arm:
             )
         return rest
 
-    def stiffness(self, q: Vector, pressure: Vector) -> Matrix:
-        """Minus the derivative of the static force."""
-        return compute_stiffness(lambda x: self.static_force(x, pressure), q)
-
     def modes(self) -> VibrationModes:
         """Free modes of the arm linearised about its rest pose without pressure."""
         still = np.zeros(self.d)
         rest = self.equilibrium(still)
-        return compute_vibration_modes(self.mass(rest), self.damping(), self.stiffness(rest, still))
+        stiffness = compute_stiffness(lambda q: self.static_force(q, still), rest)
+        return compute_vibration_modes(self.mass(rest), self.damping(), stiffness)
 
     def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         total, origin = np.zeros(len(states)), np.zeros(len(states), complex)
         orientation = np.ones(len(states), complex)
-        fine, weights = np.polynomial.legendre.leggauss(N_NODES)
+        fine, weights = chain.LEGENDRE_NODES, chain.LEGENDRE_WEIGHTS
         for row, bend, ext in zip(self.table, states[:, 0::2].T, states[:, 1::2].T, strict=True):
             length = row[chain.LENGTH] * (1 + ext)
-            for node, weight in zip(self.nodes, self.weights, strict=True):
+            for node, weight in zip(chain.NODES, chain.WEIGHTS, strict=True):
                 # Quadrature instead of `chain.arc`: independent of the code behind the forces.
                 arc = np.exp(1j * bend[:, None] * node * 0.5 * (fine + 1)) @ weights * 0.5 * node
                 total += row[chain.MASS] * weight * (origin + orientation * length * arc).real
@@ -130,5 +121,4 @@ def build_arm(config: ArmConfig) -> Arm:
     table[:, [chain.C_BEND, chain.C_EXT]] = config.retardation_s * table[:, [chain.K_BEND, chain.K_EXT]]
     link = table[:, chain.LINK_LENGTH] ** 2 / 12 + gyration
     table[:, chain.LINK_INERTIA] = table[:, chain.LINK_MASS] * link
-    nodes, weights = np.polynomial.legendre.leggauss(N_NODES)
-    return Arm(table, 0.5 * (nodes + 1), 0.5 * weights, config.gravity)
+    return Arm(table, config.gravity)

@@ -17,15 +17,16 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
+from lagsplat.systems.dynamics import Matrix, Vector
+
 LENGTH, MASS, GYRATION, K_BEND, H_BEND, K_EXT, H_EXT, C_BEND, C_EXT = range(9)
 AREA, OFFSET, LIMIT, LINK_LENGTH, LINK_MASS, LINK_INERTIA = range(9, 15)
 N_COLUMNS = 15
 ATMOSPHERE_PA = 101325.0
+LEGENDRE_NODES, LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(8)  # on (-1, 1)
+NODES, WEIGHTS = 0.5 * (LEGENDRE_NODES + 1), 0.5 * LEGENDRE_WEIGHTS  # on (0, 1)
 
 Table = Float64[np.ndarray, "n_segments n_columns"]
-Nodes = Float64[np.ndarray, " n_nodes"]
-Vector = Float64[np.ndarray, " d"]
-Matrix = Float64[np.ndarray, "d d"]
 
 
 @njit(cache=True)
@@ -65,15 +66,8 @@ def _add_body(mass, inertia, jacobian, turning, convective, gravity, m, c, force
 
 @njit(cache=True)
 @no_type_check
-def chain_inertia(
-    q: Vector, v: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
-) -> tuple[Matrix, Vector, Vector]:
-    """Mass matrix, Coriolis force ``C(q, v) v`` and generalised weight at ``q``, ``v``.
-
-    Args:
-        q, v, table: coordinates, their velocities, and the segments.
-        nodes, weights, gravity: Gauss-Legendre nodes and weights on (0, 1), and gravity [m/s^2].
-    """
+def chain_inertia(q: Vector, v: Vector, table: Table, gravity: float) -> tuple[Matrix, Vector, Vector]:
+    """Mass matrix, Coriolis force ``C(q, v) v`` and generalised weight; ``gravity`` [m/s^2]."""
     d = q.size
     m, c, force = np.zeros((d, d)), np.zeros(d), np.zeros(d)
     origin = np.zeros(d, dtype=np.complex128)
@@ -85,8 +79,8 @@ def chain_inertia(
         row = table[i]
         bend, ext = 2 * i, 2 * i + 1
         length, rate = row[LENGTH] * (1 + q[ext]), row[LENGTH] * v[ext]
-        for n in range(nodes.size + 1):
-            s = nodes[n] if n < nodes.size else 1.0
+        for n in range(NODES.size + 1):
+            s = NODES[n] if n < NODES.size else 1.0
             f, f1, f2 = arc_points(q[bend], s)
             jacobian[:] = origin
             for j in range(0, bend, 2):
@@ -100,8 +94,8 @@ def chain_inertia(
                 + 2 * rate * f1 * v[bend]
                 + length * f2 * v[bend] ** 2
             )
-            if n < nodes.size:
-                share = row[MASS] * weights[n]
+            if n < NODES.size:
+                share = row[MASS] * WEIGHTS[n]
                 _add_body(share, share * row[GYRATION], jacobian, turning, convective, gravity, m, c, force)
         orientation = orientation * complex(np.cos(q[bend]), np.sin(q[bend]))
         spin += v[bend]
@@ -158,16 +152,9 @@ def elastic_force(q: Vector, table: Table) -> Vector:
 
 @njit(cache=True)
 @no_type_check
-def acceleration(
-    q: Vector, v: Vector, pressure: Vector, table: Table, nodes: Nodes, weights: Nodes, gravity: float
-) -> Vector:
-    """``M^-1 (b^T p + weight + elastic - D v - C v)`` in 1/s^2.
-
-    Args:
-        q, v, pressure, table: coordinates, their velocities, pressures [atm], and the segments.
-        nodes, weights, gravity: as `chain_inertia`.
-    """
-    m, c, weight = chain_inertia(q, v, table, nodes, weights, gravity)
+def acceleration(q: Vector, v: Vector, pressure: Vector, table: Table, gravity: float) -> Vector:
+    """``M^-1 (b^T p + weight + elastic - D v - C v)`` in 1/s^2; ``pressure`` [atm], ``gravity`` [m/s^2]."""
+    m, c, weight = chain_inertia(q, v, table, gravity)
     slopes = chamber_volumes(q, table)[1]
     force = weight + elastic_force(q, table) - c
     for j in range(q.size):

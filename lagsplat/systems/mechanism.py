@@ -6,15 +6,12 @@ its origin and its angle, clockwise as seen.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.integrate import solve_ivp
 
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.truth import (
-    EnergyModel,
+from lagsplat.systems.dynamics import (
     Matrix,
     Series,
     Vector,
@@ -22,81 +19,11 @@ from lagsplat.systems.truth import (
     compute_stiffness,
     compute_vibration_modes,
     find_stable_rest,
+    integrate_motion,
 )
 
 Poses = Float64[np.ndarray, "T n_bodies 3"]  # x [m], y [m] and angle [rad] of every body
 Push = Callable[[float, Vector], Vector]  # generalised force at a time [s] and state
-
-
-class Mechanism(EnergyModel, Protocol):
-    """A mechanical system with the coordinates of a vector ``q``; SI units."""
-
-    def damping(self) -> Matrix:
-        """Constant viscous damping matrix."""
-
-    def static_force(self, q: Vector) -> Vector:
-        """Generalised weight and elastic force at rest."""
-
-    def acceleration(self, q: Vector, v: Vector, push: Vector) -> Vector:
-        """Second derivative of the coordinates under a generalised force ``push``."""
-
-    def poses(self, states: Series) -> Poses:
-        """Poses of all bodies in each state."""
-
-
-def find_rest_state(mechanism: Mechanism) -> Vector:
-    """The stable rest state nearest to zero, where Newton's method begins."""
-    d = len(mechanism.coordinates)
-    rest = find_stable_rest(mechanism.static_force, lambda q: compute_rest_stiffness(mechanism, q), d)
-    if rest is None:
-        raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
-    return rest
-
-
-def compute_rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
-    """The stiffness of the static force, symmetric."""
-    matrix = compute_stiffness(mechanism.static_force, q)
-    return 0.5 * (matrix + matrix.T)
-
-
-def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
-    """Linear modes about the rest state."""
-    rest = find_rest_state(mechanism)
-    stiffness = compute_rest_stiffness(mechanism, rest)
-    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), stiffness)
-
-
-def release_from_rest(
-    mechanism: Mechanism, q: Vector, v: Vector, *, time_s: Float64[np.ndarray, " T"], push: Push, rtol: float
-) -> tuple[Series, Series]:
-    """Coordinates and velocities at ``time_s`` from ``(q, v)`` at the first of them, under ``push``.
-
-    Raises:
-        RuntimeError: the solver failed.
-
-    Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (DOP853).
-    """
-    d = len(q)
-
-    def rate(t: float, state: np.ndarray) -> np.ndarray:
-        now, speed = state[:d], state[d:]
-        return np.concatenate([speed, mechanism.acceleration(now, speed, push(t, now))])
-
-    # The step limit keeps the solver from stepping over a short push.
-    solution = solve_ivp(
-        rate,
-        (time_s[0], time_s[-1]),
-        np.concatenate([q, v]),
-        method="DOP853",
-        t_eval=time_s,
-        rtol=rtol,
-        atol=1e-3 * rtol,
-        max_step=0.02,
-    )
-    if not solution.success or not np.all(np.isfinite(solution.y)):
-        raise RuntimeError(f"integration stopped at t = {solution.t[-1]:.3f} s: {solution.message}")
-    states = np.ascontiguousarray(solution.y.T)
-    return states[:, :d].copy(), states[:, d:].copy()
 
 
 @dataclass(frozen=True)
@@ -217,6 +144,9 @@ class Rocker:
         return np.stack([self.radius * angle, np.full_like(angle, -self.radius), angle], axis=1)[:, None]
 
 
+Mechanism = Linkage | Rocker
+
+
 def make_mechanism(config: ReleaseConfig) -> Mechanism:
     """The mechanism that this configuration describes."""
     if config.rocker is not None:
@@ -224,3 +154,37 @@ def make_mechanism(config: ReleaseConfig) -> Mechanism:
     assert config.linkage is not None, "the configuration gives one of the two"
     links = {name: np.array(values) for name, values in asdict(config.linkage).items()}
     return Linkage(**links, gravity=config.gravity)
+
+
+def find_rest_state(mechanism: Mechanism) -> Vector:
+    """The stable rest state nearest to zero, where Newton's method begins."""
+    rest = find_stable_rest(mechanism.static_force, np.zeros(len(mechanism.coordinates)))
+    if rest is None:
+        raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
+    return rest
+
+
+def compute_rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
+    """The stiffness of the static force, symmetric."""
+    matrix = compute_stiffness(mechanism.static_force, q)
+    return 0.5 * (matrix + matrix.T)
+
+
+def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
+    """Linear modes about the rest state."""
+    rest = find_rest_state(mechanism)
+    stiffness = compute_rest_stiffness(mechanism, rest)
+    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), stiffness)
+
+
+def release(
+    mechanism: Mechanism, q: Vector, v: Vector, *, time_s: Float64[np.ndarray, " T"], push: Push, rtol: float
+) -> tuple[Series, Series]:
+    """Coordinates and velocities under ``push``, as `integrate_motion`."""
+    d = len(q)
+
+    def rate(t: float, state: np.ndarray) -> np.ndarray:
+        now, speed = state[:d], state[d:]
+        return np.concatenate([speed, mechanism.acceleration(now, speed, push(t, now))])
+
+    return integrate_motion(rate, q, v, time_s, rtol=rtol, atol=1e-3 * rtol, max_step_s=0.02)

@@ -9,22 +9,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
-from scipy.integrate import solve_ivp
+from jaxtyping import Complex128, Float64
 
 from lagsplat.systems import chain
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.dynamics import (
+    Matrix,
+    Series,
+    Vector,
+    compute_stiffness,
+    differentiate,
+    find_stable_rest,
+    integrate_motion,
+)
 from lagsplat.systems.mechanism import find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
-from lagsplat.systems.rendering.textures import SHAPES, Sprite
-from lagsplat.systems.truth import STEP, Matrix, Series, Vector, compute_stiffness
-from lagsplat.systems.video import make_camera
+from lagsplat.systems.rendering.textures import Sprite
+from lagsplat.systems.video import draw_bodies, make_camera
 
-COVERED = 0.5
-ITERATIONS = 40
-LONGEST = 0.2
-SETTLED = 1e-8
+COVERED = 0.5  # opacity from which on a pixel of a sprite belongs to the body
 
 
 @dataclass(frozen=True)
@@ -45,9 +49,7 @@ class Pushable:
 
     def jacobian(self, q: Vector) -> Float64[np.ndarray, "P 2 d"]:
         """Derivative of the points' places in the image [px per unit of each coordinate]."""
-        nearby = q + STEP * np.concatenate([np.eye(len(q)), -np.eye(len(q))])
-        ahead, behind = np.split(self.pixels(nearby), 2)
-        return np.moveaxis((ahead - behind) / (2 * STEP), 0, 2)
+        return np.moveaxis(differentiate(self.pixels, q), 0, 2)
 
     def stiffness(self, q: Vector) -> Matrix:
         """Minus the derivative of ``force``."""
@@ -62,26 +64,17 @@ class Pushable:
         equilibria = np.full((len(forces), len(self.rest)), np.nan)
         q = self.rest
         for i, force in enumerate(forces):
-            q = self._balanced(q, point, force)
-            if not np.isfinite(q).all():
+            rest = find_stable_rest(
+                lambda x, force=force: self.force(x) + force @ self.jacobian(x)[point],
+                q,
+                longest_step=0.2,
+                tolerance=1e-8,
+                iterations=40,
+            )
+            if rest is None:
                 break
-            equilibria[i] = q
+            q = equilibria[i] = rest
         return equilibria
-
-    def _balanced(self, q: Vector, point: int, force: Float64[np.ndarray, "2"]) -> Vector:
-        def left(x: Vector) -> Vector:
-            return self.force(x) + force @ self.jacobian(x)[point]
-
-        for _ in range(ITERATIONS):
-            slope = compute_stiffness(left, q)
-            step = np.linalg.solve(slope, left(q)) if np.isfinite(slope).all() else np.full(len(q), np.nan)
-            q = q + np.clip(step, -LONGEST, LONGEST)
-            if not np.isfinite(q).all():
-                break
-            if np.abs(step).max() < SETTLED:
-                stable = np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0
-                return q if stable else np.full(len(q), np.nan)
-        return np.full(len(q), np.nan)
 
     def moved(
         self, point: int, force: Float64[np.ndarray, "2"], *, time_s: Float64[np.ndarray, " T"]
@@ -97,19 +90,10 @@ class Pushable:
             q, v = state[:d], state[d:]
             return np.concatenate([v, self.acceleration(q, v, force @ self.jacobian(q)[point])])
 
-        solution = solve_ivp(
-            rate,
-            (time_s[0], time_s[-1]),
-            np.concatenate([self.rest, np.zeros(d)]),
-            method="RK45",
-            t_eval=time_s,
-            rtol=1e-6,
-            atol=1e-9,
-            max_step=0.05,
-        )
-        if not solution.success:
-            raise RuntimeError(f"the pushed system could not be integrated: {solution.message}")
-        return np.ascontiguousarray(solution.y[:d].T)
+        start, still = self.rest, np.zeros(d)
+        return integrate_motion(
+            rate, start, still, time_s, rtol=1e-6, atol=1e-9, max_step_s=0.05, method="RK45"
+        )[0]
 
 
 def make_pushable(
@@ -135,22 +119,20 @@ def make_pushable(
 
 def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
     mechanism, camera = make_mechanism(config), make_camera(config)
-    masses = config.linkage.masses if config.linkage else []
-    if config.rocker:
-        masses = [config.rocker.body_mass]
-    bodies, places, depth, share = [], [], [], []
-    for number, (body, mass) in enumerate(zip(config.bodies, masses, strict=True)):
-        on = _covered(SHAPES[body.shape](body.size_m, camera.focal[0] / config.scene.distance), points)
-        bodies += [number] * len(on)
-        places += on
-        depth += [-0.5 * body.thickness_m if body.layers > 1 else 0.0] * len(on)
-        share += [mass / len(on)] * len(on)
-    places_m, z = np.array(places) @ np.array([1.0, 1.0j]), np.array(depth)
+    masses = [config.rocker.body_mass] if config.rocker else config.linkage.masses
+    places, depths, shares, numbers = [], [], [], []
+    for number, (body, mass) in enumerate(zip(draw_bodies(config, camera), masses, strict=True)):
+        place = _list_covered(body.sprite, points)
+        places.append(place)
+        depths.append(np.full(len(place), -0.5 * body.thickness if body.layers > 1 else 0.0))
+        shares.append(np.full(len(place), mass / len(place)))
+        numbers.append(np.full(len(place), number))
+    place_m, depth, body_of = np.concatenate(places), np.concatenate(depths), np.concatenate(numbers)
 
     def pixels(states: Series) -> Float64[np.ndarray, "T P 2"]:
-        x, y, angle = np.moveaxis(mechanism.poses(states)[:, bodies], 2, 0)
-        turned = places_m * np.exp(1j * angle)
-        world = np.stack([x + turned.real, y + turned.imag, np.broadcast_to(z, x.shape)], axis=2)
+        x, y, angle = np.moveaxis(mechanism.poses(states)[:, body_of], 2, 0)
+        turned = place_m * np.exp(1j * angle)
+        world = np.stack([x + turned.real, y + turned.imag, np.broadcast_to(depth, x.shape)], axis=2)
         return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
 
     return Pushable(
@@ -159,25 +141,20 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
         mechanism.acceleration,
         mechanism.mass,
         pixels,
-        np.array(share),
+        np.concatenate(shares),
     )
 
 
-def _covered(sprite: Sprite, points: int) -> list[tuple[float, float]]:
-    """Points [m] in a body's coordinates, on a grid over its extent, where its sprite is opaque."""
-    cover = sprite.rgba[:, :, 3]
-    rows, columns = (np.flatnonzero((cover > COVERED).any(axis)) for axis in (1, 0))
+def _list_covered(sprite: Sprite, points: int) -> Complex128[np.ndarray, " P"]:
+    """Points ``x + i y`` [m] in a body's coordinates, on a grid over its sprite, where it is opaque."""
+    covered = sprite.rgba[:, :, 3] > COVERED
     middles = (np.arange(points) + 0.5) / points
-    grid = [
-        (int(rows[0] + a * (rows[-1] - rows[0])), int(columns[0] + b * (columns[-1] - columns[0])))
-        for a in middles
-        for b in middles
-    ]
-    return [
-        ((j + 0.5 - sprite.origin[0]) / sprite.scale, (i + 0.5 - sprite.origin[1]) / sprite.scale)
-        for i, j in grid
-        if cover[i, j] > COVERED
-    ]
+    extents = [np.flatnonzero(covered.any(axis)) for axis in (1, 0)]
+    sides = [(pixels[0] + middles * (pixels[-1] - pixels[0])).astype(int) for pixels in extents]
+    rows, columns = (side.ravel() for side in np.meshgrid(*sides, indexing="ij"))
+    on = covered[rows, columns]
+    left, top = sprite.origin
+    return (columns[on] + 0.5 - left) / sprite.scale + 1j * ((rows[on] + 0.5 - top) / sprite.scale)
 
 
 def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points: int) -> Pushable:

@@ -1,23 +1,23 @@
-"""Simulate a recording of a released mechanism (motion, video, truth), and draw chamber pressures."""
+"""Simulate a recording of a released mechanism: its motion, its video and its truth."""
 
 from dataclasses import asdict, replace
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.interpolate import CubicSpline
 
 from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
-from lagsplat.systems.config import PushConfig, ReleaseConfig, SimulationConfig
+from lagsplat.systems.config import PushConfig, ReleaseConfig
+from lagsplat.systems.dynamics import Series, Vector, differentiate
 from lagsplat.systems.mechanism import (
     Mechanism,
     Push,
     compute_free_modes,
     find_rest_state,
     make_mechanism,
-    release_from_rest,
+    release,
 )
-from lagsplat.systems.truth import STEP, Series, Truth, Vector, compute_truth
+from lagsplat.systems.truth import Truth, compute_truth
 from lagsplat.systems.video import film_clips
 
 
@@ -65,9 +65,8 @@ def _move(mechanism: Mechanism, config: ReleaseConfig, index: int) -> tuple[Seri
     clip = config.clips[index]
     time_s = np.arange(clip.n_frames) * config.dt_s
     push = _pulses(mechanism, [push for push in config.pushes if push.clip == index])
-    states, velocities = release_from_rest(
-        mechanism, np.array(clip.state), np.array(clip.velocity), time_s=time_s, push=push, rtol=config.rtol
-    )
+    start = np.array(clip.state), np.array(clip.velocity)
+    states, velocities = release(mechanism, *start, time_s=time_s, push=push, rtol=config.rtol)
     return states, velocities, np.array([push(t, q) for t, q in zip(time_s, states, strict=True)])
 
 
@@ -88,68 +87,10 @@ def compute_jacobian(
     mechanism: Mechanism, q: Vector, body: int, at_m: Float64[np.ndarray, "2"]
 ) -> Float64[np.ndarray, "2 d"]:
     """Derivative of a body's point ``at_m`` [m], in the body's coordinates, with respect to ``q``."""
-    nearby = q + STEP * np.concatenate([np.eye(len(q)), -np.eye(len(q))])
-    x, y, angle = mechanism.poses(nearby)[:, body].T
-    offset = (at_m[0] + 1j * at_m[1]) * np.exp(1j * angle)
-    ahead, behind = np.split(np.stack([x + offset.real, y + offset.imag]), 2, axis=1)
-    return (ahead - behind) / (2 * STEP)
 
+    def place(states: Series) -> Float64[np.ndarray, "T 2"]:
+        x, y, angle = mechanism.poses(states)[:, body].T
+        offset = (at_m[0] + 1j * at_m[1]) * np.exp(1j * angle)
+        return np.stack([x + offset.real, y + offset.imag], axis=1)
 
-RELEASE_FRAMES = 8
-
-
-def draw_random_band(
-    n_frames: int,
-    n_inputs: int,
-    *,
-    dt_s: float,
-    low_hz: float,
-    high_hz: float,
-    generator: np.random.Generator,
-) -> Float64[np.ndarray, "n_frames n_inputs"]:
-    """Independent Gaussian signals of unit variance, zero outside the band, amplitude falling as 1/f inside.
-
-    The signal is a part of one with at least four periods of the lowest frequency, so that a short signal
-    still has a nearly continuous spectrum.
-    """
-    period = max(n_frames, int(np.ceil(4 / (low_hz * dt_s))))
-    frequency = np.fft.rfftfreq(period, dt_s)
-    inside = (frequency >= low_hz) & (frequency <= high_hz)
-    amplitude = np.where(inside, 1 / np.where(inside, frequency, 1.0), 0.0)
-    shape = (frequency.size, n_inputs)
-    spectrum = generator.standard_normal(shape) + 1j * generator.standard_normal(shape)
-    spectrum *= amplitude[:, None] * period / (2 * np.sqrt(np.sum(amplitude**2)))
-    return np.fft.irfft(spectrum, n=period, axis=0)[:n_frames]
-
-
-def _smooth_step(n_frames: int, *, start: int, length: int) -> Float64[np.ndarray, " n_frames"]:
-    """0 up to ``start``, 1 from ``start + length``, twice continuously differentiable between."""
-    x = np.clip((np.arange(n_frames) - start) / length, 0.0, 1.0)
-    return x**3 * (10 - 15 * x + 6 * x**2)
-
-
-def draw_pressures(
-    config: SimulationConfig, *, generator: np.random.Generator
-) -> Float64[np.ndarray, "n_frames n_inputs"]:
-    """The true pressures at the frames [atm], one column per chamber.
-
-    Zero for ``rest_frames``; a smooth start over ``hold_frames``; the drive ``max (1 + tanh(0.6 x)) / 2``,
-    which keeps 90 % of the samples within 0.12-0.88 of the maximum; a blend into ``hold_atm`` over
-    ``hold_frames``; released within eight frames from frame ``n_frames - tail_frames`` on.
-    """
-    n, release = config.n_frames, config.n_frames - config.tail_frames
-    band = {"low_hz": config.drive_low_hz, "high_hz": config.drive_high_hz}
-    signal = draw_random_band(n, len(config.hold_atm), dt_s=config.dt_s, **band, generator=generator)
-    drive = 0.5 * config.drive_max_atm * (1 + np.tanh(0.6 * signal))
-    start = _smooth_step(n, start=config.rest_frames, length=config.hold_frames)
-    hold = _smooth_step(n, start=release - config.hold_frames, length=config.hold_frames)
-    end = _smooth_step(n, start=release, length=RELEASE_FRAMES)
-    blended = drive * (1 - hold)[:, None] + np.asarray(config.hold_atm) * hold[:, None]
-    return blended * (start * (1 - end))[:, None]
-
-
-def spline_coefficients(
-    pressures: Float64[np.ndarray, "n_frames n_inputs"], *, dt_s: float
-) -> Float64[np.ndarray, "4 n_intervals n_inputs"]:
-    """Cubic spline through the pressures at the frames, as the arm receives them; powers from 3 down to 0."""
-    return np.ascontiguousarray(CubicSpline(np.arange(len(pressures)) * dt_s, pressures, bc_type="natural").c)
+    return np.ascontiguousarray(differentiate(place, q).T)

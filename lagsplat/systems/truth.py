@@ -1,7 +1,7 @@
 """The truth behind a simulated recording, in a file of its own that training never opens."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -9,15 +9,11 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
+from lagsplat.systems.dynamics import Matrix, Series, Vector, VibrationModes
 
 KIND = "truth"
 SCHEMA = 2
 MASS_STRIDE_FRAMES = 20
-STEP = 1e-5  # of a coordinate in central differences
-
-Vector = Float64[np.ndarray, " d"]
-Matrix = Float64[np.ndarray, "d d"]
-Series = Float64[np.ndarray, "T d"]
 
 
 @dataclass(frozen=True)
@@ -61,20 +57,6 @@ class EnergyModel(Protocol):
         """Elastic plus gravitational energy [J] of each state."""
 
 
-@dataclass(frozen=True)
-class VibrationModes:
-    """Linear free modes at rest, slowest first.
-
-    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency of a decaying motion, ``decay_per_s``
-    its envelope's rate and ``damping_ratio = decay / |lambda|``.
-    """
-
-    natural_hz: Float64[np.ndarray, " n_modes"]
-    damped_hz: Float64[np.ndarray, " n_modes"]
-    decay_per_s: Float64[np.ndarray, " n_modes"]
-    damping_ratio: Float64[np.ndarray, " n_modes"]
-
-
 def compute_truth(
     system: EnergyModel,
     states: Series,
@@ -87,15 +69,14 @@ def compute_truth(
 ) -> Truth:
     """Evaluate the equations of ``system`` along a trajectory; see `Truth` for the arguments."""
     frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
+    kinetic = [0.5 * v @ system.mass(q) @ v for q, v in zip(states, velocities, strict=True)]
     return Truth(
         coordinates=system.coordinates,
         states=states,
         velocities=velocities,
         pressures=pressures,
         forces=forces,
-        kinetic_energy=np.array(
-            [0.5 * v @ system.mass(q) @ v for q, v in zip(states, velocities, strict=True)]
-        ),
+        kinetic_energy=np.array(kinetic),
         potential_energy=system.potential_energies(states),
         mass_frames=frames,
         mass_matrices=np.stack([system.mass(q) for q in states[frames]]),
@@ -118,36 +99,3 @@ def load_truth(path: str | os.PathLike[str]) -> tuple[Truth, dict[str, Any]]:
     """Read the truth at ``path`` and its header; errors as `load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     return Truth(coordinates=tuple(header["coordinates"]), **tensors), header
-
-
-def compute_stiffness(force: Callable[[Vector], Vector], q: Vector) -> Matrix:
-    """Minus the derivative of a force, by central differences (relative error near 1e-10)."""
-    columns = [(force(q - STEP * e) - force(q + STEP * e)) / (2 * STEP) for e in np.eye(len(q))]
-    return np.stack(columns, axis=1)
-
-
-def find_stable_rest(
-    force: Callable[[Vector], Vector], stiffness: Callable[[Vector], Matrix], d: int
-) -> Vector | None:
-    """The zero of ``force`` by Newton's method from zero, or None if it does not converge to a stable one."""
-    q = np.zeros(d)
-    for _ in range(50):
-        step = np.linalg.solve(stiffness(q), force(q))
-        q = q + np.clip(step, -0.3, 0.3)
-        if np.max(np.abs(step)) < 1e-12:
-            slope = stiffness(q)
-            return q if np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0 else None
-    return None
-
-
-def compute_vibration_modes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> VibrationModes:
-    """Oscillating solutions of ``M x'' + C x' + K x = 0``; overdamped directions are left out."""
-    d = len(mass)
-    inverse = np.linalg.inv(mass)
-    lower = np.hstack([-inverse @ stiffness, -inverse @ damping])
-    upper = np.hstack([np.zeros((d, d)), np.eye(d)])
-    roots = np.linalg.eigvals(np.vstack([upper, lower]))
-    roots = roots[roots.imag > 0]
-    roots = roots[np.argsort(np.abs(roots))]
-    size = np.abs(roots)
-    return VibrationModes(size / (2 * np.pi), roots.imag / (2 * np.pi), -roots.real, -roots.real / size)

@@ -1,6 +1,7 @@
 """Render a simulated mechanism: video clips from its own camera, and true views from other cameras."""
 
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -10,45 +11,61 @@ from jaxtyping import UInt8
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
+from lagsplat.systems.dynamics import Series
 from lagsplat.systems.mechanism import Poses, make_mechanism
-from lagsplat.systems.rendering.painting import DrawnBody, Image, backdrop, paint_bodies
+from lagsplat.systems.rendering.painting import (
+    DrawnBody,
+    Image,
+    add_camera_noise,
+    paint_backdrop,
+    paint_bodies,
+    round_to_levels,
+)
 from lagsplat.systems.rendering.textures import SHAPES, photograph
-from lagsplat.systems.truth import Series
 from lagsplat.video_quality.frames import FrameSettings
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig
 from lagsplat.views.novel import NovelViews
 
 
-def make_camera(config: ReleaseConfig, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Camera:
-    """The scene's camera at the video's resolution, orbited around its target by these angles."""
+def make_camera(config: ReleaseConfig) -> Camera:
+    """The scene's camera at the video's resolution."""
     scene = config.scene
     return look_at(
         np.array([*scene.target, 0.0]),
         distance=scene.distance,
-        yaw_deg=scene.yaw_deg + yaw_deg,
-        pitch_deg=scene.pitch_deg + pitch_deg,
+        yaw_deg=scene.yaw_deg,
+        pitch_deg=scene.pitch_deg,
         view_width=scene.view_width,
         height=config.height * scene.film_scale,
         width=config.width * scene.film_scale,
     )
 
 
-def film_clips(
-    config: ReleaseConfig, poses: list[Poses], *, seed: int, camera: Camera | None = None
-) -> Recording:
-    """A recording of every clip by ``camera`` (None is the scene's), read back from encoded video files.
+def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Image, list[DrawnBody]]:
+    """The wall from a camera, and the bodies at its scale."""
+    wall = paint_backdrop(photograph(config.scene.background), camera, config.scene)
+    return wall, draw_bodies(config, camera)
+
+
+def draw_bodies(config: ReleaseConfig, camera: Camera) -> list[DrawnBody]:
+    """The bodies at the scale of a camera."""
+    scale = camera.focal[0] / config.scene.distance
+    return [DrawnBody(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+
+
+def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recording:
+    """A recording of every clip by the scene's camera, read back from encoded video files.
 
     Raises:
         ValueError: OpenCV cannot write the codec into the container, or returns fewer frames.
     """
-    camera = camera or make_camera(config)
-    scene, generator = config.scene, np.random.default_rng(seed)
+    camera, scene, generator = make_camera(config), config.scene, np.random.default_rng(seed)
     wall, bodies = set_up_scene(config, camera)
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):
-            path = Path(folder) / f"{index}.{scene.container}"
-            _write(path, config, camera, wall, bodies, clip, generator)
+            images = (paint_bodies(wall, bodies, pose, camera) for pose in clip)
+            _write_video(Path(folder) / f"{index}.{scene.container}", images, config, generator)
         recording = read_video(folder, FrameSettings(size=(config.height, config.width)))
     written = sum(len(clip) for clip in poses)
     if recording.n_frames != written:
@@ -58,42 +75,22 @@ def film_clips(
     return recording
 
 
-def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Image, list[DrawnBody]]:
-    """The wall from a camera, and the bodies at its scale."""
-    scene, scale = config.scene, camera.focal[0] / config.scene.distance
-    wall = backdrop(
-        photograph(scene.background),
-        camera,
-        middle=(scene.target[0], scene.target[1]),
-        behind=scene.behind,
-        width=scene.background_width,
-    )
-    return wall, [DrawnBody(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
-
-
-def _write(
-    path: Path,
-    config: ReleaseConfig,
-    camera: Camera,
-    wall: np.ndarray,
-    bodies: list[DrawnBody],
-    poses: Poses,
-    generator: np.random.Generator,
+def _write_video(
+    path: Path, images: Iterable[Image], config: ReleaseConfig, generator: np.random.Generator
 ) -> None:
-    codec, size = cv2.VideoWriter.fourcc(*config.scene.codec), (camera.width, camera.height)
-    writer = cv2.VideoWriter(str(path), codec, 1.0 / config.dt_s, size)
+    """Encode images in [0, 1] with the noise of the scene's camera."""
+    scene, camera = config.scene, make_camera(config)
+    size = (camera.width, camera.height)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*scene.codec), 1.0 / config.dt_s, size)
     if not writer.isOpened():
         raise ValueError(
-            f"OpenCV cannot write {config.scene.codec!r} into .{config.scene.container}; choose another "
+            f"OpenCV cannot write {scene.codec!r} into .{scene.container}; choose another "
             "release.scene.codec or container, such as mp4v and mp4"
         )
     try:
-        for pose in poses:
-            noise = generator.standard_normal(wall.shape, dtype=np.float32)
-            clean = paint_bodies(wall, bodies, pose, camera)
-            levels = 255 * clean + np.float32(config.scene.noise_levels) * noise
-            image = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-            writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        for clean in images:
+            noisy = add_camera_noise(clean, scene.noise_levels, generator)
+            writer.write(cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR))
     finally:
         writer.release()
 
@@ -123,5 +120,5 @@ def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UIn
     frames = []
     for pose in poses:
         image = cv2.resize(paint_bodies(wall, bodies, pose, fine), size, interpolation=cv2.INTER_AREA)
-        frames.append(np.clip(np.rint(255 * image), 0, 255).astype(np.uint8))
+        frames.append(round_to_levels(255 * image))
     return np.stack(frames)

@@ -39,7 +39,7 @@ def arm(request):
 
 def coriolis(arm: Arm, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Coriolis and centrifugal force, by which the compiled accelerations are computed."""
-    return chain_inertia(q, v, arm.table, arm.nodes, arm.weights, arm.gravity)[1]
+    return chain_inertia(q, v, arm.table, arm.gravity)[1]
 
 
 def mass_slopes(arm: Arm, q: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from lagsplat.systems.mechanism import (
     compute_free_modes,
     compute_rest_stiffness,
     find_rest_state,
-    release_from_rest,
+    release,
 )
 from lagsplat.systems.release import compute_jacobian
 
@@ -89,9 +89,7 @@ def test_a_small_swing_shows_the_linear_modes(name: str) -> None:
     modes = compute_free_modes(mechanism)
     d = len(mechanism.coordinates)
     time_s = np.linspace(0.0, 3.0, 400)
-    states, _ = release_from_rest(
-        mechanism, 1e-4 * np.ones(d), np.zeros(d), time_s=time_s, push=no_push, rtol=1e-10
-    )
+    states, _ = release(mechanism, 1e-4 * np.ones(d), np.zeros(d), time_s=time_s, push=no_push, rtol=1e-10)
     roots = -modes.decay_per_s + 2j * np.pi * modes.damped_hz
     basis = np.concatenate(
         [np.exp(roots * time_s[:, None]).real, np.exp(roots * time_s[:, None]).imag], axis=1
@@ -105,7 +103,7 @@ def test_a_point_mass_pendulum_has_the_period_of_the_textbook() -> None:
     pendulum = Linkage(0.5 * one, one, 0.5 * one, 0 * one, 0 * one, 0 * one, gravity=9.81)
     assert compute_free_modes(pendulum).natural_hz[0] == pytest.approx(np.sqrt(9.81 / 0.5) / (2 * np.pi))
     time_s = np.linspace(0.0, 10.0, 5001)
-    states, _ = release_from_rest(pendulum, 1.5 * one, 0 * one, time_s=time_s, push=no_push, rtol=1e-11)
+    states, _ = release(pendulum, 1.5 * one, 0 * one, time_s=time_s, push=no_push, rtol=1e-11)
     angle = states[:, 0]
     up = np.flatnonzero((angle[1:] > 0) & (angle[:-1] <= 0))
     ups = time_s[up] - angle[up] * (time_s[1] - time_s[0]) / (angle[up + 1] - angle[up])
@@ -131,9 +129,7 @@ def test_the_work_of_a_push_is_the_energy_it_brings() -> None:
     def push(t: float, q: np.ndarray) -> np.ndarray:
         return np.sin(np.pi * t) ** 2 * np.array([0.3, -0.1])
 
-    states, velocities = release_from_rest(
-        calm, np.zeros(2), np.zeros(2), time_s=time_s, push=push, rtol=1e-10
-    )
+    states, velocities = release(calm, np.zeros(2), np.zeros(2), time_s=time_s, push=push, rtol=1e-10)
     power = [push(t, q) @ v for t, q, v in zip(time_s, states, velocities, strict=True)]
     gained = energy(calm, states[-1:], velocities[-1:])[0] - energy(calm, states[:1], velocities[:1])[0]
     assert gained == pytest.approx(np.trapezoid(power, time_s), rel=1e-5)

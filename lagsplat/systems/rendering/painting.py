@@ -17,6 +17,7 @@ from numba import njit
 
 from lagsplat.systems.arm import Arm
 from lagsplat.systems.chain import LENGTH, LINK_LENGTH
+from lagsplat.systems.config import SceneConfig, SimulationConfig
 from lagsplat.systems.rendering.textures import Sprite
 from lagsplat.views.camera import Camera, Homography
 
@@ -29,16 +30,16 @@ CAP_COLOR = (0.90, 0.86, 0.78)
 CLAMP_COLOR = (0.30, 0.31, 0.35)
 LIGHT_DOWN, LIGHT_RIGHT, LIGHT_OUT = -0.35, -0.45, 0.80
 
-Board = Float32[np.ndarray, "H W 3"]
+Image = Float32[np.ndarray, "H W 3"]
 
 
-def paint_board(*, height: int, width: int, arm_share: float, generator: np.random.Generator) -> Board:
+def paint_board(config: SimulationConfig, *, generator: np.random.Generator) -> Image:
     """The static background in [0, 1]: a softly lit, mottled board and the clamp of the arm.
 
     The mottle is a fixed sum of waves of three to twelve periods across the image, so one seed gives the
-    same board at every resolution. ``arm_share`` is the arm's half width over the image's.
+    same board at every resolution.
     """
-    count, fine = 40, 8
+    count, fine, height, width = 40, 8, config.height, config.width
     direction = generator.uniform(0, 2 * np.pi, count)
     wave = 2 * np.pi * generator.uniform(3, 12, count)
     phase = generator.uniform(0, 2 * np.pi, count)
@@ -50,6 +51,7 @@ def paint_board(*, height: int, width: int, arm_share: float, generator: np.rand
     board = np.stack([((down * shade) @ across.T).imag for shade in tint.T], axis=-1)
     light = 0.60 - 0.16 * x[None, :] - 0.10 * y[:, None]
     board = light[..., None] * np.array([0.92, 1.0, 0.90]) * (1 + 0.13 * board)
+    arm_share = config.arm.half_width / config.view_width
     clamp = (y[:, None] < TOP) & (np.abs(x[None, :] - 0.5) < 0.75 * arm_share)
     board[clamp] = np.array(CLAMP_COLOR)
     pixels = board.reshape(height, fine, width, fine, 3).mean(axis=(1, 3))
@@ -168,22 +170,18 @@ def _paint(states, table, half_width, board, colors, view_width, images):
 
 
 def paint_arm(
-    states: Float64[np.ndarray, "T d"], *, arm: Arm, half_width: float, view_width: float, board: Board
+    arm: Arm, states: Float64[np.ndarray, "T d"], config: SimulationConfig, board: Image
 ) -> Float32[np.ndarray, "T H W 3"]:
-    """Noise-free images in [0, 1] of the arm in these states, at the board's resolution.
-
-    ``half_width`` [m] is of the arm, ``view_width`` [m] of the image.
-    """
+    """Noise-free images in [0, 1] of the arm in these states, at the board's resolution."""
     n = states.shape[1] // 2
     segments = [SEGMENT_COLORS[i % len(SEGMENT_COLORS)] for i in range(n)]
-    links = [CONNECTOR_COLOR] * (n - 1) + [CAP_COLOR]
+    colors = np.array([*segments, *[CONNECTOR_COLOR] * (n - 1), CAP_COLOR])
     images = np.empty((len(states), *board.shape), np.float32)
-    colors = np.array(segments + links)
+    half_width, view_width = config.arm.half_width, config.view_width
     _paint(np.ascontiguousarray(states), arm.table, half_width, board, colors, view_width, images)
     return images
 
 
-Image = Float32[np.ndarray, "H W 3"]
 FLANK = 0.72  # brightness of a stack's inner layers, which only its flank shows
 
 
@@ -196,14 +194,13 @@ class DrawnBody:
     layers: int
 
 
-def backdrop(
-    photo: Image, camera: Camera, *, middle: tuple[float, float], behind: float, width: float
-) -> Image:
-    """A photograph ``width`` [m] wide around ``middle``, on a wall ``behind`` [m] the plane of motion."""
+def paint_backdrop(photo: Image, camera: Camera, scene: SceneConfig) -> Image:
+    """The wall from a camera: a photograph around the scene's target, behind the plane of motion."""
     rows, columns = photo.shape[:2]
-    size = width / columns
+    size = scene.background_width / columns
     right, down = size * np.eye(3)[0], size * np.eye(3)[1]
-    corner = np.array([middle[0] - 0.5 * width, middle[1] - 0.5 * size * rows, behind])
+    x, y = scene.target
+    corner = np.array([x - 0.5 * scene.background_width, y - 0.5 * size * rows, scene.behind])
     map_ = camera.of_plane(corner, right, down)
     return _warp(photo, map_, (0, 0, camera.width, camera.height), cv2.BORDER_REFLECT_101)
 
@@ -251,3 +248,14 @@ def _warp(image: np.ndarray, map_: Homography, box: tuple[int, int, int, int], b
     return cv2.warpPerspective(
         image, turned, (right - left, bottom - top), flags=cv2.INTER_LINEAR, borderMode=border
     )
+
+
+def add_camera_noise(clean: np.ndarray, noise_levels: float, generator: np.random.Generator) -> np.ndarray:
+    """Grey levels of images in [0, 1] with noise of the standard deviation ``noise_levels`` [of 255]."""
+    noise = generator.standard_normal(clean.shape, dtype=np.float32)
+    return round_to_levels(255 * clean + np.float32(noise_levels) * noise)
+
+
+def round_to_levels(image: np.ndarray) -> np.ndarray:
+    """The image as uint8."""
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)

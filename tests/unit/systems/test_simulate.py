@@ -48,16 +48,9 @@ def test_noise_of_gauge_and_camera_has_its_size_and_spares_the_arm(load, toy):
 def test_frames_show_the_true_states(load):
     config = load("toy", camera_noise_levels=0.0)
     recording, truth = simulate(config, seed=0)
-    share = config.arm.half_width / config.view_width
-    scene = np.random.default_rng(np.random.SeedSequence(0).spawn(4)[3])
-    board = paint_board(height=16, width=16, arm_share=share, generator=scene)
-    images = paint_arm(
-        truth.states,
-        arm=build_arm(config.arm),
-        half_width=config.arm.half_width,
-        view_width=config.view_width,
-        board=board,
-    )
+    background = np.random.default_rng(np.random.SeedSequence(0).spawn(4)[3])
+    board = paint_board(config, generator=background)
+    images = paint_arm(build_arm(config.arm), truth.states, config, board)
     assert np.abs(255 * images - recording.frames).max() <= 0.501
 
 

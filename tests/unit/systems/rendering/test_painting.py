@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,13 +9,9 @@ from lagsplat.systems.rendering.painting import paint_arm, paint_board
 
 def picture(config, states, *, pixels=None, seed=0):
     size = pixels or config.width
-    share = config.arm.half_width / config.view_width
-    board = paint_board(height=size, width=size, arm_share=share, generator=np.random.default_rng(seed))
-    arm = build_arm(config.arm)
-    images = paint_arm(
-        states, arm=arm, half_width=config.arm.half_width, view_width=config.view_width, board=board
-    )
-    return images, board
+    config = replace(config, height=size, width=size)
+    board = paint_board(config, generator=np.random.default_rng(seed))
+    return paint_arm(build_arm(config.arm), states, config, board), board
 
 
 @pytest.mark.parametrize("coordinate", range(4))

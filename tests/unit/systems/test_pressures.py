@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from lagsplat.systems.release import draw_pressures, draw_random_band, spline_coefficients
+from lagsplat.systems.pressures import draw_pressures, draw_random_band, spline_coefficients
 
 DT_S = 1001 / 60000
 
 
 def test_band_is_band_limited_with_unit_variance_and_falling_amplitude():
     n = 60_000
-    x = draw_random_band(n, 3, dt_s=DT_S, low_hz=0.04, high_hz=2.0, generator=np.random.default_rng(0))
+    x = draw_random_band(n, 3, (0.04, 2.0), dt_s=DT_S, generator=np.random.default_rng(0))
     np.testing.assert_allclose(x.std(axis=0), 1, atol=0.12)
     frequency = np.fft.rfftfreq(n, DT_S)
     power = np.mean(np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=1)
