@@ -1,6 +1,5 @@
 """Fitted runs as sims: their Lagrangian in seconds, their latents as motions."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +8,8 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.simulators.fitted_run import (
-    encode_recording,
-    load_run_dynamics,
-    make_encoder,
-    project_run,
-    read_chart_trajectory,
-)
-from lagsplat.io.recording.recording import Recording
+from lagsplat.diagnose.simulators.fitted_run import load_run_dynamics, project_run, read_chart_trajectory
 from lagsplat.pipelines.apply_diagnosis import sample_simulator
-from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 from tests.stage2_problems import random_lagrangian
@@ -101,35 +92,3 @@ def test_a_run_is_held_against_what_no_fit_saw() -> None:
     assert seen.segments == ((0, 10), (10, 14))
     np.testing.assert_array_equal(seen.q[8:12, 0], [8.0, 9.0, 12.0, 13.0])
     np.testing.assert_allclose(seen.time_s[10], 12 / 60.0)
-
-
-def test_frames_become_whitened_latents_of_the_run() -> None:
-    seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
-    frames = np.random.default_rng(0).integers(0, 256, (5, 32, 32, 3), dtype=np.uint8)
-    encode = make_encoder(seeing, chart(), what="run")
-    with torch.no_grad():
-        raw = seeing.encode(torch.as_tensor(frames).permute(0, 3, 1, 2).float() / 255.0).double().numpy()
-    np.testing.assert_allclose(encode(frames), (raw - 0.5) * 2.0, atol=1e-6)
-    with pytest.raises(ValueError, match="frames of 32 x 32 px, but these are 20 x 32"):
-        encode(frames[:, :20])
-
-
-def test_a_film_becomes_a_motion_of_the_run() -> None:
-    seeing = Autoencoder(d=1, n_gaussians=4, kernel=3, channels=2, height=32, width=32, background="black")
-    frames = np.random.default_rng(0).integers(0, 256, (6, 32, 32, 3), dtype=np.uint8)
-    film = Recording(
-        frames=frames,
-        time_s=np.arange(6) / 30.0,
-        inputs=np.arange(6.0)[:, None],
-        input_names=("p",),
-        input_units=("atm",),
-        segments=((0, 4), (4, 6)),
-        meta={"origin": "filmed"},
-    )
-    motion = encode_recording(seeing, chart(), film)
-    np.testing.assert_array_equal(motion.q, make_encoder(seeing, chart(), what="run")(frames))
-    assert motion.segments == ((0, 4), (4, 6))
-    np.testing.assert_array_equal(motion.u, film.inputs)
-    undriven = replace(film, inputs=np.zeros((6, 0)), input_names=(), input_units=())
-    with pytest.raises(ValueError, match=r"0 input\(s\), but the run was fitted with 1"):
-        encode_recording(seeing, chart(), undriven)

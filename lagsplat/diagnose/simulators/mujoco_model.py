@@ -63,30 +63,29 @@ def load_mujoco(
     except ValueError as error:
         raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
     straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    all_straight = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
-    index = (
-        all_straight
-        if joints is None
-        else _find_indices(path, "joint", joints, [model.joint(i).name for i in range(model.njnt)])
-    )
-    other = [model.joint(i).name for i in index if model.jnt_type[i] not in straight]
-    if other:
-        raise ValueError(f"{path}: joint {other[0]!r} is a ball or free; only hinges and slides serve")
+    joint_names = [model.joint(i).name for i in range(model.njnt)]
+    actuator_names = [model.actuator(i).name for i in range(model.nu)]
+    index = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
+    if joints is not None:
+        index = _find_indices(path, "joint", joints, joint_names)
+    for i in index:
+        if model.jnt_type[i] not in straight:
+            raise ValueError(
+                f"{path}: joint {joint_names[i]!r} is a ball or free; only hinges and slides serve"
+            )
     if not index:
         raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
-    driven = (
-        list(range(model.nu))
-        if actuators is None
-        else _find_indices(path, "actuator", actuators, [model.actuator(i).name for i in range(model.nu)])
-    )
+    driven = list(range(model.nu))
+    if actuators is not None:
+        driven = _find_indices(path, "actuator", actuators, actuator_names)
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     return MujocoSelection(
         model,
         data,
-        tuple(model.joint(i).name or f"joint {i}" for i in index),
-        tuple(model.actuator(i).name or f"actuator {i}" for i in driven),
+        tuple(joint_names[i] or f"joint {i}" for i in index),
+        tuple(actuator_names[i] or f"actuator {i}" for i in driven),
         model.jnt_qposadr[index],
         model.jnt_dofadr[index],
         np.array(driven, dtype=np.int64),
@@ -102,21 +101,15 @@ def project_mujoco(
 ) -> ProjectedModel:
     """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
-    Args:
-        path: the model file.
-        region: states and inputs at which it is evaluated.
-        joints: names of the coordinates, by default all hinges and slides.
-        actuators: names of the inputs, by default all.
+    ``joints`` names the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all).
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
     """
     chosen = load_mujoco(path, joints=joints, actuators=actuators)
-    for what, names, n, letter in (
-        ("joints", chosen.joints, region.d, "q"),
-        ("actuators", chosen.actuators, region.n_u, "u"),
-    ):
+    counted = (("joints", chosen.joints, region.d, "q"), ("actuators", chosen.actuators, region.n_u, "u"))
+    for what, names, n, letter in counted:
         if len(names) != n:
             raise ValueError(
                 f"{path}: {len(names)} {what} {list(names)}, but the recording has {n} column(s) {letter}; "
@@ -132,21 +125,22 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     model, data, at_v = chosen.model, chosen.data, chosen.at_v
     d, n_u = len(at_v), len(chosen.at_u)
     dry = model.dof_frictionloss[at_v].copy()
+    filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 
-    def set_state(q: np.ndarray, v: np.ndarray | None = None, u: np.ndarray | None = None) -> None:
-        data.qpos[chosen.at_q] = q
+    at_rest, unloaded = np.zeros(d), np.zeros(n_u)
+
+    def set_state(q: np.ndarray, v: np.ndarray = at_rest, u: np.ndarray = unloaded) -> None:
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
-        if v is not None:
-            data.qvel[at_v] = v
-        if u is not None:
-            data.ctrl[chosen.at_u] = u
+        data.qpos[chosen.at_q], data.qvel[at_v], data.ctrl[chosen.at_u] = q, v, u
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
 
     def actuation() -> np.ndarray:
         """Force of actuators that have settled at their command."""
-        _settle(mujoco, model, data)
+        for i in range(model.nu):
+            if model.actuator_actadr[i] >= 0 and model.actuator_dyntype[i] in filters:
+                data.act[model.actuator_actadr[i]] = data.ctrl[i]
         mujoco.mj_fwdActuation(model, data)
         return data.qfrc_actuator[at_v].copy()
 
@@ -169,9 +163,9 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
         forces = np.empty_like(q)
         for n, (point, velocity) in enumerate(zip(q, v, strict=True)):
             set_state(point)
-            at_rest = data.qfrc_passive[at_v] + actuation()
+            still = data.qfrc_passive[at_v] + actuation()
             set_state(point, velocity)
-            forces[n] = at_rest - data.qfrc_passive[at_v] - actuation() + dry * np.sign(velocity)
+            forces[n] = still - data.qfrc_passive[at_v] - actuation() + dry * np.sign(velocity)
         return forces
 
     def input_map(q: np.ndarray) -> np.ndarray:
@@ -185,15 +179,6 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
         return forces
 
     return FieldFunctions(mass, potential_gradient, input_map, dissipation)
-
-
-def _settle(mujoco: Any, model: Any, data: Any) -> None:
-    """Set the states of filtered actuators to their commands, as they are after a long time."""
-    for i in range(model.nu):
-        at = model.actuator_actadr[i]
-        kind = mujoco.mjtDyn(model.actuator_dyntype[i])
-        if at >= 0 and kind in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT):
-            data.act[at] = data.ctrl[i]
 
 
 def _list_test_commands(model: Any, index: np.ndarray) -> list[float]:
@@ -216,26 +201,22 @@ def _find_indices(path: Path, what: str, wanted: Sequence[str], names: Sequence[
 
 def _warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
     """Warn of what the model has beyond mass, forces and inputs."""
-    model, mujoco = chosen.model, require_mujoco()
-    omitted = []
+    model, mujoco, omitted = chosen.model, require_mujoco(), []
     for n, name in enumerate(chosen.joints):
         joint = int(np.flatnonzero(model.jnt_dofadr == chosen.at_v[n])[0])
         low, high = model.jnt_range[joint]
-        if not model.jnt_limited[joint]:
-            continue
-        if region.q[:, n].min() < low or region.q[:, n].max() > high:
+        if model.jnt_limited[joint] and not _is_within(region.q[:, n], low, high):
             omitted.append(
                 f"the range {low:g} to {high:g} of joint {name!r}, beyond which the recording goes"
             )
-    for n, i in enumerate(chosen.at_u):
+    for n, (i, name) in enumerate(zip(chosen.at_u, chosen.actuators, strict=True)):
         low, high = model.actuator_ctrlrange[i]
-        beyond = region.u[:, n].min() < low or region.u[:, n].max() > high
-        if model.actuator_ctrllimited[i] and beyond:
-            omitted.append(f"the range {low:g} to {high:g} of actuator {chosen.actuators[n]!r}")
+        if model.actuator_ctrllimited[i] and not _is_within(region.u[:, n], low, high):
+            omitted.append(f"the range {low:g} to {high:g} of actuator {name!r}")
         if model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
-            omitted.append(f"the state of actuator {chosen.actuators[n]!r}, which counts as settled")
+            omitted.append(f"the state of actuator {name!r}, which counts as settled")
         if model.actuator_delay[i] > 0.0:
-            omitted.append(f"the delay of actuator {chosen.actuators[n]!r}")
+            omitted.append(f"the delay of actuator {name!r}")
     if model.neq:
         omitted.append(f"{model.neq} equality constraint(s)")
     data = chosen.data
@@ -247,3 +228,7 @@ def _warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingReg
             break
     if omitted:
         warnings.warn(f"{path.name}: not in the sim as it is diagnosed: {'; '.join(omitted)}", stacklevel=3)
+
+
+def _is_within(values: np.ndarray, low: float, high: float) -> bool:
+    return bool(low <= values.min() and values.max() <= high)

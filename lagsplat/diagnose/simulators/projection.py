@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float64
@@ -50,12 +51,6 @@ class FieldFunctions:
             force[:, i] -= 0.5 * np.einsum("na,na->n", v, slope_v)
         return force
 
-    def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Float64[np.ndarray, "N d"]:
-        """The acceleration that the fields prescribe at every point."""
-        drive = np.einsum("nci,nc->ni", self.input_map(q), u)
-        force = drive - self.potential_gradient(q) - self.coriolis(q, v) - self.dissipation(q, v)
-        return np.linalg.solve(self.mass(q), force[..., None])[..., 0]
-
 
 @dataclass(frozen=True)
 class ProjectedModel:
@@ -68,20 +63,51 @@ class ProjectedModel:
 def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a simulator whose mass, potential, damping and input map are given.
 
-    ``what`` names it in messages. Of the bases the smallest that is accurate enough is taken.
+    ``what`` names it in messages.
 
     Raises:
         ValueError: a field is not finite in the region, or the mass matrix is not positive there.
     """
     samples = _evaluate_fields(mechanics, region, what)
-    candidates = []
-    for basis in reversed(build_candidate_bases(region.q, degree=MAX_DEGREE.get(region.d, 3))):
+
+    def project(basis: Basis) -> ProjectedModel:
         model = fit_fields(samples, basis)
-        error = compute_acceleration_error(model, region, samples.acceleration)
-        candidates.append(ProjectedModel(model, error))
-        if error < EXACT_ERROR:
+        return ProjectedModel(model, compute_acceleration_error(model, region, samples.acceleration))
+
+    return choose_projection(project, region, max_degree=MAX_DEGREE.get(region.d, 3), what=what)
+
+
+def choose_projection(
+    project: Callable[[Basis], ProjectedModel], region: OperatingRegion, *, max_degree: int, what: str
+) -> ProjectedModel:
+    """The smallest projection that is accurate enough, of those in all candidate bases, with its rest.
+
+    A warning tells if it is inaccurate.
+    """
+    candidates = []
+    for basis in reversed(build_candidate_bases(region.q, degree=max_degree)):
+        candidates.append(project(basis))
+        if candidates[-1].error < EXACT_ERROR:
             break
-    return finish_projection(min(candidates, key=rank_projection), what=what)
+    best = min(candidates, key=_rank)
+    if best.error > PROJECTION.warning_error:
+        warnings.warn(
+            f"{what}: its acceleration could be written in mass, damping, potential and inputs only to "
+            f"within {100.0 * best.error:.1f} % over the region of the recording; what is missing (a "
+            "contact, a limit, an input that does not act linearly) may be taken for an effect",
+            stacklevel=3,
+        )
+    model = best.model.trim_basis()
+    return ProjectedModel(replace(model, rest=find_rest(model)), best.error)
+
+
+def _rank(candidate: ProjectedModel) -> tuple[int, float]:
+    """Sort key: exact models first, then accurate ones by their size, then the rest by their error."""
+    if candidate.error < PROJECTION.tolerance:
+        model = candidate.model
+        size = model.mass.size + model.potential.size + model.damping.size + model.input_map.size
+        return int(candidate.error > EXACT_ERROR), size
+    return 2, candidate.error
 
 
 @dataclass(frozen=True)
@@ -94,13 +120,18 @@ class FieldSamples:
     potential_gradient: np.ndarray
     input_map: np.ndarray
     dissipation: np.ndarray
-    acceleration: np.ndarray
+
+    @cached_property
+    def acceleration(self) -> Float64[np.ndarray, "N d"]:
+        """The acceleration that the fields prescribe at every point."""
+        drive = np.einsum("nci,nc->ni", self.input_map, self.region.u)
+        force = drive - self.potential_gradient - self.coriolis - self.dissipation
+        return np.linalg.solve(self.mass, force[..., None])[..., 0]
 
     @cached_property
     def weight(self) -> Float64[np.ndarray, "N d d"]:
         """Maps a force to accelerations in units of each coordinate's root mean square acceleration."""
-        size = np.sqrt(np.mean(self.acceleration**2, axis=0))
-        return np.linalg.inv(self.mass) / np.maximum(size, 1e-9 * size.max() + 1e-300)[:, None]
+        return np.linalg.inv(self.mass) / measure_size(self.acceleration)[:, None]
 
     def share(self, forces: np.ndarray) -> np.ndarray:
         """Relative accelerations by columns of forces (N, d, k)."""
@@ -109,6 +140,12 @@ class FieldSamples:
     def error(self, wrong: np.ndarray) -> float:
         """Root mean square relative acceleration by a wrong force (N, d), the largest of all coordinates."""
         return float(np.max(np.sqrt(np.mean(self.share(wrong[..., None]) ** 2, axis=(0, 2)))))
+
+
+def measure_size(acceleration: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, " d"]:
+    """Root mean square of each coordinate, floored so that one that rests can be divided by."""
+    size = np.sqrt(np.mean(acceleration**2, axis=0))
+    return np.maximum(size, 1e-9 * size.max() + 1e-300)
 
 
 def _evaluate_fields(mechanics: FieldFunctions, region: OperatingRegion, what: str) -> FieldSamples:
@@ -120,7 +157,6 @@ def _evaluate_fields(mechanics: FieldFunctions, region: OperatingRegion, what: s
         mechanics.potential_gradient(q),
         mechanics.input_map(q),
         mechanics.dissipation(q, v),
-        np.zeros_like(q),
     )
     for name in ("mass", "coriolis", "potential_gradient", "input_map", "dissipation"):
         bad = ~np.isfinite(getattr(samples, name)).reshape(len(q), -1).all(axis=1)
@@ -137,7 +173,7 @@ def _evaluate_fields(mechanics: FieldFunctions, region: OperatingRegion, what: s
             f"{what}: the mass matrix is not positive at q = {at} (eigenvalue {lowest.min():.3g}); "
             "a coordinate without inertia cannot be simulated"
         )
-    return replace(samples, acceleration=mechanics.acceleration(q, v, region.u))
+    return samples
 
 
 def fit_fields(samples: FieldSamples, basis: Basis) -> MechanicalModel:
@@ -197,31 +233,24 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
     wanted = samples.share(samples.dissipation[..., None])
     options: list[tuple[np.ndarray | None, bool, np.ndarray]] = []
     for drag in (False, True):
-        for width in (None, *PROJECTION.friction_widths):
-            wide = None if width is None else width * speed
-            options.append((wide, drag, samples.share(build_friction_columns(v, wide, drag))))
-    best: tuple[np.ndarray, ...] = ()
+        for width in (None, *(width * speed for width in PROJECTION.friction_widths)):
+            options.append((width, drag, samples.share(build_friction_columns(v, width, drag))))
     lowest = np.inf
-    for size in sizes:
+    for size, (width, drag, friction) in product(sizes, options):
         n = size * len(pairs)
-        for wide, drag, friction in options:
-            columns = np.concatenate([viscous[:, :, :n], friction], axis=2)
-            x = _solve_least_squares(columns, wanted)
-            error = float(np.max(np.sqrt(np.mean((columns @ x - wanted) ** 2, axis=(0, 2)))))
-            x = x[:, 0]
-            if error < 0.8 * lowest:  # more terms must gain a fifth at least
-                lowest = error
-                dry = np.zeros(d) if wide is None else x[n : n + d]
-                drags = x[-d:] if drag else np.zeros(d)
-                best = (
-                    _sum_symmetric(x[:n], d),
-                    dry,
-                    drags,
-                    PROJECTION.default_friction_width * speed if wide is None else wide,
-                )
-            if lowest < 0.1 * PROJECTION.tolerance:
-                return best
-    return best
+        columns = np.concatenate([viscous[:, :, :n], friction], axis=2)
+        x = _solve_least_squares(columns, wanted)
+        error = float(np.max(np.sqrt(np.mean((columns @ x - wanted) ** 2, axis=(0, 2)))))
+        if error < 0.8 * lowest:  # more terms must gain a fifth at least
+            lowest, best, best_width, has_drag = error, np.split(x[:, 0], [n]), width, drag
+        if lowest < 0.1 * PROJECTION.tolerance:
+            break
+    damping, rest = best
+    dry = np.zeros(d) if best_width is None else rest[:d]
+    quadratic = rest[-d:] if has_drag else np.zeros(d)
+    if best_width is None:
+        best_width = PROJECTION.default_friction_width * speed
+    return _sum_symmetric(damping, d), dry, quadratic, best_width
 
 
 def _fit_smallest(
@@ -299,30 +328,7 @@ def compute_acceleration_error(
     if eigenvalues.min() < 1e-4 * eigenvalues.max():
         return float("inf")
     wrong = model.acceleration(region.q, region.v, region.u) - acceleration
-    size = np.sqrt(np.mean(acceleration**2, axis=0))
-    return float(np.max(np.sqrt(np.mean(wrong**2, axis=0)) / np.maximum(size, 1e-9 * size.max() + 1e-300)))
-
-
-def rank_projection(candidate: ProjectedModel) -> tuple[int, float]:
-    """Sort key: exact models first, then accurate ones by their size, then the rest by their error."""
-    if candidate.error < PROJECTION.tolerance:
-        model = candidate.model
-        size = model.mass.size + model.potential.size + model.damping.size + model.input_map.size
-        return int(candidate.error > EXACT_ERROR), size
-    return 2, candidate.error
-
-
-def finish_projection(projected: ProjectedModel, *, what: str) -> ProjectedModel:
-    """Cut the basis to the functions in use and find the rest; warn if the model is inaccurate."""
-    if projected.error > PROJECTION.warning_error:
-        warnings.warn(
-            f"{what}: its acceleration could be written in mass, damping, potential and inputs only to "
-            f"within {100.0 * projected.error:.1f} % over the region of the recording; what is missing (a "
-            "contact, a limit, an input that does not act linearly) may be taken for an effect",
-            stacklevel=3,
-        )
-    model = projected.model.trim_basis()
-    return replace(projected, model=replace(model, rest=find_rest(model)))
+    return float(np.max(np.sqrt(np.mean(wrong**2, axis=0)) / measure_size(acceleration)))
 
 
 def find_rest(model: MechanicalModel) -> Float64[np.ndarray, " d"]:

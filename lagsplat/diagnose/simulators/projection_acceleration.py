@@ -15,20 +15,14 @@ from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import (
-    ModelStructure,
-    build_candidate_bases,
-    list_field_sizes,
-    list_larger_structures,
-)
+from lagsplat.diagnose.mechanics.structure import ModelStructure, list_field_sizes, list_larger_structures
 from lagsplat.diagnose.simulators.projection import (
     EXACT_ERROR,
     ProjectedModel,
     build_friction_columns,
+    choose_projection,
     compute_acceleration_error,
-    finish_projection,
     make_symmetric_basis,
-    rank_projection,
 )
 
 RIDGE = 1e-10  # penalty in standardised columns, towards unit inertia where the accelerations leave it open
@@ -82,12 +76,12 @@ def project_acceleration(
         )
     if not given.any():
         raise ValueError(f"{what}: the acceleration is zero everywhere; nothing would ever move")
-    candidates = []
-    for basis in reversed(build_candidate_bases(region.q, degree=MAX_ACCELERATION_DEGREE.get(region.d, 2))):
-        candidates.append(_search_structure(_build_terms(basis, region, given)))
-        if candidates[-1].error < EXACT_ERROR:
-            break
-    return finish_projection(min(candidates, key=rank_projection), what=what)
+    degree = MAX_ACCELERATION_DEGREE.get(region.d, 2)
+
+    def project(basis: Basis) -> ProjectedModel:
+        return _search_structure(_build_terms(basis, region, given))
+
+    return choose_projection(project, region, max_degree=degree, what=what)
 
 
 def _build_terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> AccelerationTerms:

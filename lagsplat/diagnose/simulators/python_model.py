@@ -37,14 +37,14 @@ def load_python(name: str) -> Any:
         ValueError: no such module or attribute, or the program fails when it is imported or called.
     """
     source, _, attribute = name.rpartition(":")
+    if source.endswith(".py") and not Path(source).is_file():
+        raise FileNotFoundError(f"{source}: no such file; sim=file.py:attribute names a Python file")
     try:
         module = _import_file(Path(source)) if source.endswith(".py") else importlib.import_module(source)
     except ModuleNotFoundError as error:
         raise ValueError(
             f"sim={name}: {error}; give file.py:attribute, or install the package of the module"
         ) from error
-    except FileNotFoundError:
-        raise
     except Exception as error:
         raise ValueError(
             f"sim={name}: importing {source} fails with {error!r}; run it alone first"
@@ -61,6 +61,34 @@ def load_python(name: str) -> Any:
         raise ValueError(f"sim={name}: {attribute}() fails with {error!r}") from error
 
 
+def _import_file(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(f"_sim_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up there
+    spec.loader.exec_module(module)
+    return module
+
+
+def _is_factory(value: Any) -> bool:
+    if inspect.isclass(value):
+        return True
+    return callable(value) and not hasattr(value, "mass") and _count_arguments(value) == 0
+
+
+def _count_arguments(function: Any) -> int | None:
+    """Number of arguments that a function requires; None if it is variable or unknown."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return None
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    return sum(p.default is p.empty for p in positional)
+
+
 def project_python(sim: Any, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a Python simulator over a region; ``what`` names it in messages.
 
@@ -68,35 +96,17 @@ def project_python(sim: Any, region: OperatingRegion, *, what: str) -> Projected
         ValueError: it has neither mass and potential nor an acceleration, or they return other shapes, NaN,
         a mass that is not symmetric and positive, or a gradient that is not that of the potential.
     """
-    d, n_u = region.d, region.n_u
-    if not (hasattr(sim, "mass") or callable(sim)):
+    if hasattr(sim, "mass"):
+        projected = project_fields(_make_fields(sim, region, what), region, what=what)
+    elif callable(sim):
+        projected = project_acceleration(_make_acceleration(sim, region, what), region, what=what)
+    else:
         raise ValueError(
             f"{what}: a {type(sim).__name__} is no sim; give a callable (q, v, u) -> acceleration, or an "
             f"object with {EXPECTED_METHODS}"
         )
-    if not hasattr(sim, "mass"):
-        takes = _count_arguments(sim)
-        if takes is not None and takes not in (2, 3):
-            raise ValueError(
-                f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed"
-            )
-        call = PointwiseFunction(
-            sim if takes != 2 else (lambda q, v, u: sim(q, v)), (d,), what, "acceleration(q, v, u)"
-        )
-        call.probe(region.q, region.v, region.u)
-        return _check_passivity(project_acceleration(call, region, what=what), region, what)
-    mechanics = _make_fields(sim, region, what)
-    mass = mechanics.mass(region.q)
-    asymmetry = float(np.abs(mass - mass.transpose(0, 2, 1)).max() / np.abs(mass).max())
-    if asymmetry > 1e-6:
-        raise ValueError(f"{what}: mass(q) is not symmetric (by {asymmetry:.2g} of its largest entry)")
-    if n_u and not hasattr(sim, "input_map"):
-        warnings.warn(
-            f"{what}: the recording has {n_u} input(s), but the sim has no input_map(q); it is taken as not "
-            "driven",
-            stacklevel=2,
-        )
-    return _check_passivity(project_fields(mechanics, region, what=what), region, what)
+    _warn_if_active(projected, region, what)
+    return projected
 
 
 @dataclass
@@ -123,30 +133,23 @@ class PointwiseFunction:
             self.torch = True
             try:
                 first = self._evaluate(point)
-            except ImportError:
-                raise ValueError(
-                    f"{self.what}: {self.name} fails at {_format_point(point)} with {plain!r}"
-                ) from plain
             except Exception as error:
                 cause = plain if type(plain) is type(error) else error
+                at = ", ".join(np.array2string(x, precision=4) for x in point)
                 raise ValueError(
-                    f"{self.what}: {self.name} fails at {_format_point(point)} with {cause!r}, "
-                    "also with torch tensors"
+                    f"{self.what}: {self.name} fails at {at} with {cause!r}, also with torch tensors"
                 ) from plain
         if first.size != int(np.prod(self.shape)):
             raise ValueError(
                 f"{self.what}: {self.name} has shape {first.shape} at one point, where {self.shape} is wanted"
             )
         few = tuple(x[:3] for x in points)
-        alone = np.stack(
-            [self._evaluate(tuple(x[n] for x in few)).reshape(self.shape) for n in range(len(few[0]))]
-        )
+        alone = self(*few)
         try:
             together = self._evaluate(few)
+            close = 1e-9 * float(np.abs(alone).max())
             self.many = together.shape == alone.shape and bool(
-                np.allclose(
-                    together, alone, rtol=1e-6, atol=1e-9 * float(np.abs(alone).max()), equal_nan=True
-                )
+                np.allclose(together, alone, rtol=1e-6, atol=close, equal_nan=True)
             )
         except Exception:
             self.many = False  # a function of a single point may raise anything when given many
@@ -155,9 +158,9 @@ class PointwiseFunction:
         """Values (N, ...) at points (N, ...)."""
         if self.many:
             return self._evaluate(points)
-        return np.stack([self._evaluate(tuple(x[n] for x in points)) for n in range(len(points[0]))]).reshape(
-            len(points[0]), *self.shape
-        )
+        n = len(points[0])
+        values = [self._evaluate(tuple(x[i] for x in points)) for i in range(n)]
+        return np.stack(values).reshape(n, *self.shape)
 
     def _evaluate(self, points: tuple[np.ndarray, ...]) -> np.ndarray:
         if not self.torch:
@@ -168,53 +171,67 @@ class PointwiseFunction:
         return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
 
 
+def _make_acceleration(sim: Callable[..., Any], region: OperatingRegion, what: str) -> PointwiseFunction:
+    takes = _count_arguments(sim)
+    if takes not in (None, 2, 3):
+        raise ValueError(f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed")
+    function = (lambda q, v, u: sim(q, v)) if takes == 2 else sim
+    acceleration = PointwiseFunction(function, (region.d,), what, "acceleration(q, v, u)")
+    acceleration.probe(region.q, region.v, region.u)
+    return acceleration
+
+
 def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
-    q, v, d = region.q, region.v, region.d
+    q, v, d, n_u = region.q, region.v, region.d, region.n_u
 
-    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> PointwiseFunction:
+    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> PointwiseFunction | None:
+        if not hasattr(sim, name):
+            return None
         given = getattr(sim, name)
-        constant = None if callable(given) else given
-        call = PointwiseFunction(given if constant is None else (lambda *at: constant), shape, what, name)
-        call.probe(*points)
-        return call
+        function = PointwiseFunction(given if callable(given) else lambda *at: given, shape, what, name)
+        function.probe(*points)
+        return function
 
-    mass = field("mass", (d, d), q)
-    gradient: Callable[[np.ndarray], np.ndarray]
-    if hasattr(sim, "potential"):
-        gradient = _Gradient(field("potential", (), q), np.maximum(np.ptp(q, axis=0), 1e-9))
-    if hasattr(sim, "potential_gradient"):
-        given = field("potential_gradient", (d,), q)
-        if hasattr(sim, "potential"):
-            _check_gradient(given(q), gradient(q), what)
-        gradient = given
-    elif not hasattr(sim, "potential"):
+    mass, potential = field("mass", (d, d), q), field("potential", (), q)
+    gradient = field("potential_gradient", (d,), q)
+    damping, friction = field("damping", (d, d), q), field("friction", (d,), q, v)
+    input_map = field("input_map", (n_u, d), q) if n_u else None
+    assert mass is not None
+    if potential is None and gradient is None:
         raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
-    damping = field("damping", (d, d), q) if hasattr(sim, "damping") else None
-    friction = field("friction", (d,), q, v) if hasattr(sim, "friction") else None
-    n_u = region.n_u
-    input_map = field("input_map", (n_u, d), q) if hasattr(sim, "input_map") and n_u else None
+    if potential is not None and gradient is not None:
+        _check_gradient(gradient(q), _differentiate(potential, q, q), what)
+    masses = mass(q)
+    asymmetry = float(np.abs(masses - masses.transpose(0, 2, 1)).max() / np.abs(masses).max())
+    if asymmetry > 1e-6:
+        raise ValueError(f"{what}: mass(q) is not symmetric (by {asymmetry:.2g} of its largest entry)")
+    if n_u and input_map is None:
+        warnings.warn(
+            f"{what}: the recording has {n_u} input(s), but the sim has no input_map(q); it is taken as not "
+            "driven",
+            stacklevel=3,
+        )
 
     def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         force = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
         return force if friction is None else force + friction(q, v)
 
-    return FieldFunctions(mass, gradient, input_map or (lambda q: np.zeros((len(q), n_u, d))), dissipation)
+    return FieldFunctions(
+        mass,
+        gradient or (lambda at: _differentiate(potential, at, q)),
+        input_map or (lambda at: np.zeros((len(at), n_u, d))),
+        dissipation,
+    )
 
 
-@dataclass
-class _Gradient:
-    """The gradient of a potential by central differences of fourth order."""
-
-    potential: PointwiseFunction
-    reach: np.ndarray
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        columns = []
-        for h in 2e-3 * np.diag(self.reach):
-            near = self.potential(q + h) - self.potential(q - h)
-            far = self.potential(q + 2.0 * h) - self.potential(q - 2.0 * h)
-            columns.append((8.0 * near - far) / (12.0 * h.sum()))
-        return np.stack(columns, axis=1)
+def _differentiate(potential: PointwiseFunction, q: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """The gradient (N, d) at ``q`` by central differences of fourth order, in steps of the motion's range."""
+    columns = []
+    for h in 2e-3 * np.diag(np.maximum(np.ptp(motion, axis=0), 1e-9)):
+        near = potential(q + h) - potential(q - h)
+        far = potential(q + 2.0 * h) - potential(q - 2.0 * h)
+        columns.append((8.0 * near - far) / (12.0 * h.sum()))
+    return np.stack(columns, axis=1)
 
 
 def _check_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
@@ -226,55 +243,20 @@ def _check_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
         )
 
 
-def _check_passivity(sampled: ProjectedModel, region: OperatingRegion, what: str) -> ProjectedModel:
+def _warn_if_active(projected: ProjectedModel, region: OperatingRegion, what: str) -> None:
     """Warn if the damping feeds energy into the motion, which no passive mechanism does."""
-    model = sampled.model
-    lowest = np.linalg.eigvalsh(model.damping_at(region.q)).min(axis=1)
-    power = np.einsum("ni,nij,nj->n", region.v, model.damping_at(region.q), region.v)
-    power += np.abs(region.v) @ model.dry + np.abs(region.v) ** 3 @ model.drag
-    rate = model.acceleration(region.q, region.v, region.u)
-    swing = np.abs(np.einsum("ni,nij,nj->n", region.v, model.mass_at(region.q), rate)).max()
+    model, v = projected.model, region.v
+    damping = model.damping_at(region.q)
+    power = np.einsum("ni,nij,nj->n", v, damping, v)
+    power += np.abs(v) @ model.dry + np.abs(v) ** 3 @ model.drag
+    rate = model.acceleration(region.q, v, region.u)
+    swing = np.abs(np.einsum("ni,nij,nj->n", v, model.mass_at(region.q), rate)).max()
     # a simulator without friction has a damping by rounding alone
-    if (power < -max(1e-3 * np.abs(power).max(), max(sampled.error, ROUNDING_POWER_SHARE) * swing)).any():
+    if (power < -max(1e-3 * np.abs(power).max(), max(projected.error, ROUNDING_POWER_SHARE) * swing)).any():
+        lowest = np.linalg.eigvalsh(damping).min(axis=1)
         at = np.array2string(region.q[int(np.argmin(lowest))], precision=4)
         warnings.warn(
             f"{what}: its damping feeds energy into the motion near q = {at}; check the sign of "
             "its velocity terms",
             stacklevel=3,
         )
-    return sampled
-
-
-def _import_file(path: Path) -> Any:
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; sim=file.py:attribute names a Python file")
-    spec = importlib.util.spec_from_file_location(f"_sim_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up there
-    spec.loader.exec_module(module)
-    return module
-
-
-def _is_factory(found: Any) -> bool:
-    if not callable(found) or (hasattr(found, "mass") and not inspect.isclass(found)):
-        return False
-    return inspect.isclass(found) or _count_arguments(found) == 0
-
-
-def _count_arguments(function: Any) -> int | None:
-    """Number of arguments that a function requires; None if it is variable or unknown."""
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return None
-    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return None
-    return sum(
-        p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) for p in parameters
-    )
-
-
-def _format_point(point: tuple[np.ndarray, ...]) -> str:
-    return ", ".join(np.array2string(x, precision=4) for x in point)

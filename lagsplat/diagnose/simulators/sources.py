@@ -4,7 +4,7 @@ import csv
 import re
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,17 +14,16 @@ from lagsplat.io.files.artifact import read_header
 from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.trajectory.inputs import read_input_log
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")  # suffixes of trajectory files that are tables
+VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
 """Kinds of sources that hold frames, and need an encoder to become a trajectory."""
 KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")  # all kinds of sources
 PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
 """Pattern of ``module:attribute`` and ``file.py:attribute``."""
-LatentEncoder = Callable[[np.ndarray], np.ndarray]  # from frames (T, H, W, 3), uint8, to latents (T, d)
 
 
 @dataclass(frozen=True)
@@ -59,48 +58,32 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
             objects.append(DataSource("python", name))
         else:
             paths += _expand(path)
-    video_stems = {
-        path.with_suffix("") for path in paths if path.suffix.lower() in (*VIDEO_SUFFIXES, ".mcap")
-    }
-    kept = [
-        path
-        for path in dict.fromkeys(paths)
-        if not (path.suffix.lower() in TABLES and path.with_suffix("") in video_stems)
-    ]
-    return (*objects, *(_classify(path) for path in kept))
+    video_stems = {path.with_suffix("") for path in paths if path.suffix.lower() in VIDEOS}
+    kept = []
+    for path in dict.fromkeys(paths):
+        is_input_log = path.suffix.lower() in TABLES and path.with_suffix("") in video_stems
+        if not is_input_log:
+            kept.append(_classify(path))
+    return (*objects, *kept)
 
 
 def read_sources(
-    sources: Sequence[DataSource],
-    *,
-    columns: Mapping[str, str] | None = None,
-    open_recording: Callable[[DataSource], Recording] | None = None,
-    encode: LatentEncoder | None = None,
+    sources: Sequence[DataSource], *, columns: Mapping[str, str] | None = None
 ) -> tuple[Trajectory, ...]:
-    """Read trajectories, and encode videos into trajectories.
+    """Read tables and sessions of the viewer.
 
     Raises:
-        ValueError: a source is a model, a video is given without ``open_recording`` and ``encode``, or a file
-        is unreadable.
+        ValueError: a source is a model or a video, or a file is unreadable.
     """
-    trajectories = []
     for source in sources:
-        if source.kind == "trajectory":
-            trajectories.append(read_trajectory(source.path, columns=columns))
-        elif source.kind not in VIDEO_KINDS:
-            raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
-        elif open_recording is None or encode is None:
+        if source.kind in VIDEO_KINDS:
             raise ValueError(
                 f"{source.path}: a video needs the encoder of a fitted run to become a trajectory; "
                 "give the run as sim=FOLDER, or give trajectories"
             )
-        else:
-            recording = open_recording(source)
-            log = read_input_log(source.inputs) if source.inputs else None
-            trajectories.append(
-                make_video_trajectory(recording, encode(recording.frames), log=log, source=source.path)
-            )
-    return tuple(trajectories)
+        if source.kind != "trajectory":
+            raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
+    return tuple(read_trajectory(source.path, columns=columns) for source in sources)
 
 
 def make_video_trajectory(
@@ -112,13 +95,9 @@ def make_video_trajectory(
 ) -> Trajectory:
     """The trajectory of a video: its latents at the times of its frames, with its inputs.
 
-    Frames that ``log`` does not cover are left out, with a warning.
-
-    Args:
-        recording: the video.
-        latents: latents of its frames (T, d).
-        source: name of the file.
-        log: times (N,) [s] on the video's clock and inputs (N, n_u), which are interpolated.
+    ``latents`` (T, d) are those of its frames, ``source`` is the file's name, and ``log`` has times (N,) [s]
+    on the video's clock and inputs (N, n_u), which are interpolated. Frames that ``log`` does not cover are
+    left out, with a warning.
 
     Raises:
         ValueError: latents of another length, inputs in the video and beside it, or a log of another time.
@@ -173,7 +152,7 @@ def _expand(path: Path) -> list[Path]:
     inside = sorted((item for item in path.iterdir() if item.is_file()), key=natural_order)
     if any(item.suffix.lower() in IMAGE_SUFFIXES for item in inside):
         return [path]
-    known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEO_SUFFIXES, ".npz", ".mcap")]
+    known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEOS, ".npz")]
     if not known:
         raise FileNotFoundError(
             f"{path}: a folder without a trajectory, a video or dynamics.safetensors; name the files"
@@ -186,15 +165,11 @@ def _classify(path: Path) -> DataSource:
     name, suffix = str(path), path.suffix.lower()
     if path.is_dir():
         return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
-    if suffix in TABLES:
+    if suffix in TABLES or (suffix == ".mcap" and is_session(path)):
         return DataSource("trajectory", name)
-    if suffix == ".mcap" and is_session(path):
-        return DataSource("trajectory", name)
-    if suffix in VIDEO_SUFFIXES or suffix == ".mcap":
-        beside = [path.with_suffix(suffix) for suffix in TABLES if path.with_suffix(suffix).is_file()]
-        return DataSource(
-            "video" if suffix in VIDEO_SUFFIXES else "mcap", name, str(beside[0]) if beside else None
-        )
+    if suffix in VIDEOS:
+        logs = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
+        return DataSource("mcap" if suffix == ".mcap" else "video", name, str(logs[0]) if logs else None)
     if suffix == ".npz":
         return DataSource("krauss" if "images.npy" in _list_members(path) else "trajectory", name)
     if suffix == ".xml":
@@ -206,8 +181,7 @@ def _classify(path: Path) -> DataSource:
         return DataSource("recording" if kind == "recording" else "model", name)
     raise ValueError(
         f"{path}: {suffix or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
-        f"video ({', '.join(VIDEO_SUFFIXES)}, .mcap), a fitted run, a MuJoCo model (.xml) nor "
-        "module:attribute"
+        f"video ({', '.join(VIDEOS)}), a fitted run, a MuJoCo model (.xml) nor module:attribute"
     )
 
 

@@ -108,18 +108,11 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
         read_sources([DataSource("video", "bag.mp4")])
 
 
-def test_films_become_motions_through_an_encoder(tmp_path: Path) -> None:
-    (tmp_path / "bag.csv").write_text("t,u0,u1\n-1,0,1\n0.6,1.6,1\n2,3,1\n")
-    asked = []
-
-    def encode(frames: np.ndarray) -> np.ndarray:
-        asked.append(frames.shape)
-        return np.arange(len(frames), dtype=float)[:, None]
-
-    source = DataSource("video", "films/bag.mp4", str(tmp_path / "bag.csv"))
+def test_films_become_motions_with_the_inputs_of_a_log() -> None:
     cut = film(segments=((0, 4), (4, 10)))
-    (motion,) = read_sources([source], open_recording=lambda source: cut, encode=encode)
-    assert asked == [(10, 2, 2, 3)]
+    log = (np.array([-1.0, 0.6, 2.0]), np.array([[0.0, 1.0], [1.6, 1.0], [3.0, 1.0]]))
+    latents = np.arange(10.0)[:, None]
+    motion = make_video_trajectory(cut, latents, log=log, source="films/bag.mp4")
     assert (motion.source, motion.segments, motion.u_names) == ("bag.mp4", ((0, 4), (4, 10)), ("u0", "u1"))
     np.testing.assert_allclose(motion.u, np.stack([1.0 + motion.time_s, np.ones(10)], axis=1))
 
