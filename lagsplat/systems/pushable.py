@@ -7,6 +7,7 @@ times the metres per pixel.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -23,7 +24,7 @@ from lagsplat.systems.dynamics import (
     find_stable_rest,
     integrate_motion,
 )
-from lagsplat.systems.mechanism import find_rest_state, make_mechanism
+from lagsplat.systems.mechanism import Rocker, find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
 from lagsplat.systems.rendering.textures import Sprite
 from lagsplat.systems.video import draw_bodies, make_camera
@@ -62,15 +63,14 @@ class Pushable:
         without a stable equilibrium is NaN, as after tipping over, and so are those after it.
         """
         equilibria = np.full((len(forces), len(self.rest)), np.nan)
+
+        def total(q: Vector, force: np.ndarray) -> Vector:
+            return self.force(q) + force @ self.jacobian(q)[point]
+
         q = self.rest
         for i, force in enumerate(forces):
-            rest = find_stable_rest(
-                lambda x, force=force: self.force(x) + force @ self.jacobian(x)[point],
-                q,
-                longest_step=0.2,
-                tolerance=1e-8,
-                iterations=40,
-            )
+            loaded = partial(total, force=force)
+            rest = find_stable_rest(loaded, q, longest_step=0.2, tolerance=1e-8, iterations=40)
             if rest is None:
                 break
             q = equilibria[i] = rest
@@ -119,7 +119,7 @@ def make_pushable(
 
 def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
     mechanism, camera = make_mechanism(config), make_camera(config)
-    masses = [config.rocker.body_mass] if config.rocker else config.linkage.masses
+    masses = [mechanism.body_mass] if isinstance(mechanism, Rocker) else mechanism.masses
     places, depths, shares, numbers = [], [], [], []
     for number, (body, mass) in enumerate(zip(draw_bodies(config, camera), masses, strict=True)):
         place = _list_covered(body.sprite, points)

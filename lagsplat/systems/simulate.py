@@ -145,10 +145,8 @@ def integrate(
     Raises:
         RuntimeError: the solver failed, because the arm left its physical range.
     """
-    args = (spline_coefficients(pressures, dt_s=dt_s), dt_s, arm.table, arm.gravity)
-    rate = _rate
-    if friction is not None:
-        rate, args = _rate_with_friction, (friction, *args)
+    drive = (spline_coefficients(pressures, dt_s=dt_s), dt_s, arm.table, arm.gravity)
+    rate, args = (_rate, drive) if friction is None else (_rate_with_friction, (friction, *drive))
     time_s = np.arange(len(pressures)) * dt_s
     try:
         # `max_step_s` keeps the solver at rest from stepping over the beginning of the drive.

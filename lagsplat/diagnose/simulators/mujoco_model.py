@@ -101,7 +101,7 @@ def project_mujoco(
 ) -> ProjectedModel:
     """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
-    ``joints`` names the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all).
+    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all).
 
     Raises:
         FileNotFoundError: no such file.

@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -197,10 +198,14 @@ def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions
     damping, friction = field("damping", (d, d), q), field("friction", (d,), q, v)
     input_map = field("input_map", (n_u, d), q) if n_u else None
     assert mass is not None
-    if potential is None and gradient is None:
+    slope: Callable[..., np.ndarray] | None = gradient
+    if potential is not None:
+        measured = partial(_differentiate, potential, motion=q)
+        if gradient is not None:
+            _check_gradient(gradient(q), measured(q), what)
+        slope = gradient or measured
+    if slope is None:
         raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
-    if potential is not None and gradient is not None:
-        _check_gradient(gradient(q), _differentiate(potential, q, q), what)
     masses = mass(q)
     asymmetry = float(np.abs(masses - masses.transpose(0, 2, 1)).max() / np.abs(masses).max())
     if asymmetry > 1e-6:
@@ -218,13 +223,13 @@ def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions
 
     return FieldFunctions(
         mass,
-        gradient or (lambda at: _differentiate(potential, at, q)),
+        slope,
         input_map or (lambda at: np.zeros((len(at), n_u, d))),
         dissipation,
     )
 
 
-def _differentiate(potential: PointwiseFunction, q: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def _differentiate(potential: Callable[..., np.ndarray], q: np.ndarray, *, motion: np.ndarray) -> np.ndarray:
     """The gradient (N, d) at ``q`` by central differences of fourth order, in steps of the motion's range."""
     columns = []
     for h in 2e-3 * np.diag(np.maximum(np.ptp(motion, axis=0), 1e-9)):
