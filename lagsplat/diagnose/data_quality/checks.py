@@ -7,14 +7,12 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import COMPATIBILITY
 from lagsplat.diagnose.core.result import Finding, refuse
-from lagsplat.diagnose.data_quality.closed_loop import check_feedback
-from lagsplat.diagnose.data_quality.compatibility import check_coordinates, check_region
+from lagsplat.diagnose.data_quality.compatibility import check_coordinates, check_inputs, check_region
 from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, drop_holds
-from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
+from lagsplat.diagnose.data_quality.input_checks import check_feedback, check_time_offset
 from lagsplat.diagnose.data_quality.natural_period import estimate_natural_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_noise
-from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, count_blocks
-from lagsplat.diagnose.data_quality.time_alignment import check_time_offset
+from lagsplat.diagnose.data_quality.sampling import check_length, check_samples
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
@@ -24,15 +22,13 @@ FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
 class PreparedSide:
     """The motions of one side, unwrapped and cut where they must not be continued, with all findings.
 
-    ``period_s`` is the natural period [s], None where nothing swings; ``noise`` that of the measurement;
-    ``blocks`` the number of blocks that can be divided between fit and test.
+    ``period_s`` is the natural period [s], None where nothing swings; ``noise`` that of the measurement.
     """
 
     motions: tuple[Trajectory, ...]
     findings: tuple[Finding, ...]
     period_s: float | None
     noise: MeasurementNoise
-    blocks: int
 
 
 @dataclass(frozen=True)
@@ -56,8 +52,8 @@ class DataCheck:
     @property
     def closed_loop(self) -> tuple[str, ...]:
         """Names of the real side's inputs that a controller derives from the motion."""
-        columns = [finding.columns for finding in self.findings if finding.check == "closed_loop"]
-        return tuple(sorted({name for names in columns for name in names}))
+        findings = (finding for finding in self.findings if finding.check == "closed_loop")
+        return tuple(sorted({name for finding in findings for name in finding.columns}))
 
 
 def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataCheck:
@@ -88,7 +84,7 @@ def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataChe
     known_s = nominal.period_s if nominal and nominal.period_s else measured.period_s
     findings += check_time_offset(measured.motions, period_s=known_s)
     findings += check_feedback(measured.motions, period_s=measured.period_s)
-    return DataCheck(nominal, measured, tuple(_drop_duplicates(findings)))
+    return DataCheck(nominal, measured, tuple(dict.fromkeys(findings)))
 
 
 def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | None = None) -> PreparedSide:
@@ -107,24 +103,19 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
     ready = [apply(unwrap_angles(motion)) for motion in motions]
     period_s = estimate_natural_period_s(ready)
     ready = [apply(cut_gaps(motion, period_s=period_s)) for motion in ready]
-    sigma = measure_noise(ready, period_s=period_s).sigma
+    sigma = measure_noise(ready, period_s=period_s).known_sigma
     ready = [apply(cut_jumps(motion, sigma=sigma, period_s=period_s)) for motion in ready]
     ready = [apply(drop_holds(motion, sigma=sigma, period_s=period_s)) for motion in ready]
     period_s = estimate_natural_period_s(ready)
-    if nominal_period_s is not None and any(
-        motion.n_u and np.ptp(motion.u, axis=0).any() for motion in ready
-    ):
-        ratio = (period_s or np.inf) / nominal_period_s
-        period_s = (
-            period_s
-            if 1.0 / COMPATIBILITY.period_ratio_warning < ratio < COMPATIBILITY.period_ratio_warning
-            else nominal_period_s
-        )
+    driven = any(np.ptp(motion.u, axis=0).any() for motion in ready)
+    if nominal_period_s is not None and driven:
+        ratio, limit = (period_s or np.inf) / nominal_period_s, COMPATIBILITY.period_ratio_warning
+        if not 1.0 / limit < ratio < limit:
+            period_s = nominal_period_s
     noise = measure_noise(ready, period_s=period_s)
     for motion in ready:
         findings += check_samples(motion, period_s=period_s, noise=noise)
-    blocks = count_blocks(ready, period_s=period_s) if period_s is not None else 0
-    return PreparedSide(tuple(ready), tuple(findings), period_s, noise, blocks)
+    return PreparedSide(tuple(ready), tuple(findings), period_s, noise)
 
 
 def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
@@ -145,25 +136,13 @@ def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
                 continue
             shift = np.zeros(motion.n)
             for start, stop in motion.segments:
-                wraps = jumps[(jumps >= start) & (jumps < stop - 1)]
-                for at in wraps:
+                for at in jumps[(jumps >= start) & (jumps < stop)]:
                     shift[at + 1 : stop] -= turn * np.sign(step[at])
             q[:, i] += shift
-            findings.append(
-                Finding(
-                    "warn",
-                    "wrapped",
-                    motion.source,
-                    f"{motion.q_names[i]} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)",
-                    "an angle that starts again is no motion",
-                    "it is continued here; record it unwrapped if that is wrong",
-                    (motion.q_names[i],),
-                )
-            )
+            name = motion.q_names[i]
+            what = f"{name} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)"
+            why = "an angle that starts again is no motion"
+            remedy = "it is continued here; record it unwrapped if that is wrong"
+            findings.append(Finding("warn", "wrapped", motion.source, what, why, remedy, (name,)))
             break
     return replace(motion, q=q), tuple(findings)
-
-
-def _drop_duplicates(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings in their order, each once."""
-    return list(dict.fromkeys(findings))

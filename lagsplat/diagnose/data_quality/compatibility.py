@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import COMPATIBILITY
+from lagsplat.diagnose.core.config import COMPATIBILITY, EXCITATION
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -32,75 +32,72 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
     first = (*sim, *real)[0]
     for motion in (*sim, *real):
         if motion.q_names != first.q_names:
+            here, there = ", ".join(motion.q_names), ", ".join(first.q_names)
+            what = f"coordinates {here}, but {first.source} has {there}"
+            why = "the sim and the real thing must be described by the same coordinates"
+            remedy = "give the same columns on both sides, or name them with diagnose.columns={q0: NAME}"
             findings.append(
-                Finding(
-                    "refuse",
-                    "coordinates",
-                    motion.source,
-                    f"coordinates {', '.join(motion.q_names)}, but {first.source} has "
-                    f"{', '.join(first.q_names)}",
-                    "the sim and the real thing must be described by the same coordinates",
-                    "give the same columns on both sides, or name them with diagnose.columns={q0: NAME}",
-                    motion.q_names,
-                )
+                Finding("refuse", "coordinates", motion.source, what, why, remedy, motion.q_names)
             )
     sides = {"sim": sim, "real": real}
     names = {side: {name for motion in motions for name in motion.u_names} for side, motions in sides.items()}
-    for side, motions in sides.items():
-        for motion in motions:
-            lacking = sorted(names[side] - set(motion.u_names))
-            if lacking:
-                findings.append(
-                    _report_missing_input(motion.source, lacking, f"other files of {side} have it")
-                )
-    if sim and real and (lacking := sorted(names["sim"] - names["real"])):
-        findings.append(_report_missing_input("real", lacking, "the sim is driven by it"))
-    extra = sorted(names["real"] - names["sim"]) if sim and real else []
-    moving = [name for name in extra if any(_input_moves(motion, name) for motion in real)]
+    missing = [
+        (motion.source, sorted(names[side] - set(motion.u_names)), f"other files of {side} have it")
+        for side, motions in sides.items()
+        for motion in motions
+    ]
+    extra = []
+    if sim and real:
+        missing.append(("real", sorted(names["sim"] - names["real"]), "the sim is driven by it"))
+        extra = sorted(names["real"] - names["sim"])
+    for source, lacking, why in missing:
+        if lacking:
+            what, remedy = f"no input {', '.join(lacking)}", "add the column, with zeros if nothing acted"
+            findings.append(Finding("refuse", "missing input", source, what, why, remedy, tuple(lacking)))
+    moving = [name for name in extra if any(_input_moves([m], name, 1e-9) for m in real if name in m.u_names)]
     if moving:
+        what = f"{', '.join(moving)} moves, and the sim has no such input"
+        why = "whatever it does would pass for an effect"
+        remedy = "record the sim with this input, or leave the column out if it does not act"
         findings.append(
-            Finding(
-                "undetermined",
-                "input of one side",
-                "real",
-                f"{', '.join(moving)} moves, and the sim has no such input",
-                "whatever it does would pass for an effect",
-                "record the sim with this input, or leave the column out if it does not act",
-                tuple(moving),
-            )
+            Finding("undetermined", "input of one side", "real", what, why, remedy, tuple(moving))
         )
     elif extra:
-        findings.append(
-            Finding(
-                "note",
-                "input of one side",
-                "real",
-                f"{', '.join(extra)} is constant, and the sim has no such input",
-                "a constant input shows as a constant force at most",
-                "leave the column out if it does not act",
-                tuple(extra),
-            )
-        )
+        what = f"{', '.join(extra)} is constant, and the sim has no such input"
+        why = "a constant input shows as a constant force at most"
+        remedy = "leave the column out if it does not act"
+        findings.append(Finding("note", "input of one side", "real", what, why, remedy, tuple(extra)))
     return findings
 
 
-def _report_missing_input(source: str, names: Sequence[str], why: str) -> Finding:
-    """The finding of inputs that ``source`` lacks."""
-    return Finding(
-        "refuse",
-        "missing input",
-        source,
-        f"no input {', '.join(names)}",
-        why,
-        "add the column, with zeros if nothing acted",
-        tuple(names),
-    )
+def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
+    """Report inputs that are constant on the real side, and those that move only there.
+
+    The latter leave the verdict undetermined: a simulator that never saw an input move does not know its
+    effect.
+    """
+    findings = []
+    tolerance = EXCITATION.constant_tolerance
+    for name in real[0].u_names:
+        if sim and name not in sim[0].u_names:
+            continue
+        if not _input_moves(real, name, tolerance):
+            what = f"{name} is constant"
+            why = "lag, delay, dead zone, saturation, play and gain of it cannot be seen"
+            remedy = "move it through zero, slowly and fast, if such effects are in question"
+            findings.append(Finding("warn", "constant input", "real", what, why, remedy, (name,)))
+        elif sim and not _input_moves(sim, name, tolerance):
+            what = f"{name} moves, and is constant in the sim"
+            why = "the sim does not tell what this input does, which would pass for an effect"
+            remedy = "record the sim with this input moving"
+            findings.append(Finding("undetermined", "input of one side", "real", what, why, remedy, (name,)))
+    return findings
 
 
-def _input_moves(motion: Trajectory, name: str) -> bool:
-    """Whether the named input is more than a constant."""
-    column = motion.u[:, motion.u_names.index(name)]
-    return bool(np.ptp(column) > 1e-9 * np.abs(column).max())
+def _input_moves(motions: Sequence[Trajectory], name: str, tolerance: float) -> bool:
+    """Whether the named input varies by more than ``tolerance`` of its largest value."""
+    values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
+    return bool(np.ptp(values) > tolerance * np.abs(values).max())
 
 
 def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
@@ -113,49 +110,36 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
         return []
     nominal = np.concatenate([motion.q for motion in sim])
     measured = np.concatenate([motion.q for motion in real])
-    findings = [
-        finding
-        for i in range(sim[0].d)
-        if (finding := _check_units(nominal[:, i], measured[:, i], sim[0].q_names[i]))
-    ]
+    findings = []
+    for name, *columns in zip(sim[0].q_names, nominal.T, measured.T, strict=True):
+        findings += _check_units(*columns, name)
     centre, root = _estimate_robust_cloud(nominal)
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((measured - centre) @ root, axis=1)
     outside = float((distance > COMPATIBILITY.region_factor * reach).mean())
     off = float(np.linalg.norm((np.median(measured, axis=0) - centre) @ root))
     middle = off / max(float(reach), 1e-6 * off, np.finfo(float).tiny)
-    if outside > COMPATIBILITY.undetermined_outside_share and middle > COMPATIBILITY.max_center_offset / 3.0:
-        findings.append(
-            Finding(
-                "undetermined",
-                "no overlap",
-                "real",
-                f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in, and "
-                f"their middle {middle:.2g} times as far out as the sim ever was",
-                "the sim says nothing of that region",
-                "check zero points, signs and units of both sides, or give a sim of that region",
-            )
-        )
+    what = f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in"
+    mostly = outside > COMPATIBILITY.undetermined_outside_share
+    if mostly and middle > COMPATIBILITY.max_center_offset / 3.0:
+        what += f", and their middle {middle:.2g} times as far out as the sim ever was"
+        why = "the sim says nothing of that region"
+        remedy = "check zero points, signs and units of both sides, or give a sim of that region"
+        findings.append(Finding("undetermined", "no overlap", "real", what, why, remedy))
     elif outside > COMPATIBILITY.warning_outside_share:
-        findings.append(
-            Finding(
-                "warn",
-                MOSTLY_OUTSIDE_CHECK
-                if outside > COMPATIBILITY.undetermined_outside_share
-                else "outside the sim",
-                "real",
-                f"{100 * outside:.3g} % of the real samples lie outside the region the sim was seen in",
-                "there the sim is extrapolated, and its own error passes for an effect",
-                "give a sim of larger motions, or real motions as large as the sim's",
-            )
-        )
+        check = MOSTLY_OUTSIDE_CHECK if mostly else "outside the sim"
+        why = "there the sim is extrapolated, and its own error passes for an effect"
+        remedy = "give a sim of larger motions, or real motions as large as the sim's"
+        findings.append(Finding("warn", check, "real", what, why, remedy))
     return findings
 
 
 def _estimate_robust_cloud(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Median, and a root of the inverse covariance, from rank correlations and quantiles."""
     centre = np.median(cloud, axis=0)
-    spread = _estimate_robust_spread(cloud)
+    low, high = np.quantile(cloud, [0.02, 0.98], axis=0)
+    rounding = 1e-9 * np.maximum(np.abs(cloud).max(axis=0), 1e-290)
+    spread = np.maximum(0.25 * (high - low), rounding)
     ranks = cloud.argsort(axis=0).argsort(axis=0)
     # Spearman's correlation; some of the identity keeps it invertible where coordinates move together.
     correlation = np.corrcoef(ranks.T).reshape(len(centre), len(centre))
@@ -166,29 +150,21 @@ def _estimate_robust_cloud(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return centre, vectors / np.sqrt(np.maximum(values, 1e-300))
 
 
-def _estimate_robust_spread(cloud: np.ndarray) -> np.ndarray:
-    """A quarter of the range of the central 96 % of each column, at least a rounding error."""
-    low, high = np.quantile(cloud, [0.02, 0.98], axis=0)
-    return np.maximum(0.25 * (high - low), 1e-9 * np.maximum(np.abs(cloud).max(axis=0), 1e-290))
-
-
-def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> Finding | None:
-    """Finding of a probable difference of units, where sizes differ by a large factor; else None."""
+def _check_units(sim: np.ndarray, real: np.ndarray, name: str) -> list[Finding]:
+    """Finding of a probable difference of units, where sizes differ by a large factor."""
     sizes = [float(np.quantile(np.abs(side - np.median(side)), 0.98)) for side in (sim, real)]
     if min(sizes) <= 0.0:
-        return None
+        return []
     ratio = sizes[1] / sizes[0]
     if 1.0 / COMPATIBILITY.striking_size_ratio < ratio < COMPATIBILITY.striking_size_ratio:
-        return None
-    factor = min(UNIT_RATIOS, key=lambda unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)))
-    plausible = abs(np.log(max(ratio, 1.0 / ratio) / factor)) < COMPATIBILITY.unit_ratio_tolerance
-    return Finding(
-        "undetermined" if ratio > 1.0 or plausible else "warn",
-        "units",
-        "real",
-        f"{name} moves {ratio:.3g} times as far as in the sim"
-        + (f", about the ratio of {UNIT_RATIOS[factor]}" if plausible else ""),
-        "the sim was never seen at that size, or the units differ",
-        "give both sides in one unit, or a sim that moves as far as the real thing",
-        (name,),
-    )
+        return []
+    distances = {unit: abs(np.log(max(ratio, 1.0 / ratio) / unit)) for unit in UNIT_RATIOS}
+    likeliest = min(UNIT_RATIOS, key=lambda unit: distances[unit])
+    plausible = distances[likeliest] < COMPATIBILITY.unit_ratio_tolerance
+    level = "undetermined" if ratio > 1.0 or plausible else "warn"
+    what = f"{name} moves {ratio:.3g} times as far as in the sim"
+    if plausible:
+        what += f", about the ratio of {UNIT_RATIOS[likeliest]}"
+    why = "the sim was never seen at that size, or the units differ"
+    remedy = "give both sides in one unit, or a sim that moves as far as the real thing"
+    return [Finding(level, "units", "real", what, why, remedy, (name,))]

@@ -1,7 +1,7 @@
 """Places where a motion must not be continued: gaps in time, undeclared cuts, holds by hand, repeated frames.
 
-`cut_gaps`, `cut_jumps` and `drop_holds` return the motion in clips, with their findings;
-`find_repeated_samples` marks samples that repeat an earlier one.
+Throughout, ``sigma`` (d,) is the noise of the coordinates, zero where it is not known, and ``period_s`` the
+natural period [s].
 """
 
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy.polynomial import Polynomial
+from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import DISCONTINUITIES, REPEATED_FRAMES
 from lagsplat.diagnose.core.result import Finding
@@ -34,28 +35,17 @@ class _Jump:
 
 
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """Cut the motion where samples are missing for longer than it can be interpolated.
-
-    ``period_s`` is the natural period [s].
-    """
+    """Cut the motion where samples are missing for longer than it can be interpolated."""
     step = np.diff(motion.time_s)
-    limit = max(
-        DISCONTINUITIES.min_gap_steps * motion.dt_s, DISCONTINUITIES.min_gap_periods * (period_s or 0.0)
-    )
+    shortest_s = DISCONTINUITIES.min_gap_steps * motion.dt_s
+    limit = max(shortest_s, DISCONTINUITIES.min_gap_periods * (period_s or 0.0))
     torn = 1 + np.flatnonzero(motion.joined & (step > limit))
     if not torn.size:
         return motion, ()
     where = ", ".join(f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4])
-    return motion.cut(torn.tolist()), (
-        Finding(
-            "warn",
-            "gap",
-            motion.source,
-            f"{len(torn)} gap(s) of more than {limit:.3g} s ({where}{', ...' if len(torn) > 4 else ''})",
-            "what acted in between is not known",
-            "it is cut there and nothing is continued across",
-        ),
-    )
+    what = f"{len(torn)} gap(s) of more than {limit:.3g} s ({where}{', ...' if len(torn) > 4 else ''})"
+    why, remedy = "what acted in between is not known", "it is cut there and nothing is continued across"
+    return motion.cut(torn.tolist()), (Finding("warn", "gap", motion.source, what, why, remedy),)
 
 
 def cut_jumps(
@@ -63,17 +53,18 @@ def cut_jumps(
 ) -> tuple[Trajectory, tuple[Finding, ...]]:
     """Cut the motion where position jumps by more than velocity and noise allow.
 
-    ``sigma`` (d,) is the noise and ``period_s`` the natural period [s]. Polynomials through the samples on
-    either side of each border are compared in the middle. A knock, an end stop or a push changes only the
-    rate, and is no cut. Where a jump goes along with the motion by a few frames' worth and the rate stays, or
-    follows a standstill, frames are missing; this is reported, not cut. Jumps more frequent than
-    `DISCONTINUITIES.max_cuts_per_period` are reported and not cut, because then they belong to the motion.
+    Polynomials through the samples on either side of each border are compared in the middle. A knock, an end
+    stop or a push changes only the rate, and is no cut. Where a jump goes along with the motion by a few
+    frames' worth and the rate stays, or follows a standstill, frames are missing; this is reported, not cut.
+    Jumps more frequent than `DISCONTINUITIES.max_cuts_per_period` are reported and not cut, because then they
+    belong to the motion.
     """
     jumps = _find_jumps(motion, sigma, period_s)
     if not jumps:
         return motion, ()
     speed = np.array([np.std(np.diff(motion.q[:, i])) / motion.dt_s for i in range(motion.d)])
-    catch_ups = _find_catch_ups(motion, sigma)
+    repeated = find_repeated_samples(motion.q, np.array(motion.segments), sigma)
+    catch_ups = np.flatnonzero(repeated[:-1] & ~repeated[1:]) + 1
     lost = [
         jump
         for jump in jumps
@@ -85,35 +76,25 @@ def cut_jumps(
         lost, cuts = jumps, []
     findings = []
     if lost:
-        findings.append(
-            Finding(
-                "warn",
-                "missing frames",
-                motion.source,
-                f"{len(lost)} jump(s) along the motion, the first at "
-                f"{motion.time_s[min(jump.at for jump in lost)]:.6g} s",
-                "frames are missing there although the times go on evenly",
-                "it is not cut, and `frame_drops` is among the candidates",
-            )
-        )
-    if period_s is not None and len(cuts) > max(
-        3.0, DISCONTINUITIES.max_cuts_per_period * motion.duration_s / period_s
-    ):
-        findings.append(_report_frequent_jumps(motion, cuts))
+        first_s = motion.time_s[min(jump.at for jump in lost)]
+        what = f"{len(lost)} jump(s) along the motion, the first at {first_s:.6g} s"
+        why = "frames are missing there although the times go on evenly"
+        remedy = "it is not cut, and `frame_drops` is among the candidates"
+        findings.append(Finding("warn", "missing frames", motion.source, what, why, remedy))
+    most = np.inf if period_s is None else DISCONTINUITIES.max_cuts_per_period * motion.duration_s / period_s
+    if len(cuts) > max(3.0, most):
+        what = f"{len(cuts)} jumps in position, more than one in two periods"
+        why = "so many are no cuts: the sensor jumps, or the motion is sampled too coarsely"
+        remedy = "nothing is cut; look at the recording"
+        findings.append(Finding("warn", "frequent jumps", motion.source, what, why, remedy))
         cuts = []
     if not cuts:
         return motion, tuple(findings)
     where = ", ".join(f"{motion.time_s[k]:.6g} s" for k in cuts[:5])
-    findings.append(
-        Finding(
-            "warn",
-            "undeclared cut",
-            motion.source,
-            f"{len(cuts)} jump(s) that no velocity explains, at {where}{', ...' if len(cuts) > 5 else ''}",
-            "to continue across them would invent memory",
-            "it is cut there; declare cuts in a column `segment`",
-        )
-    )
+    what = f"{len(cuts)} jump(s) that no velocity explains, at {where}{', ...' if len(cuts) > 5 else ''}"
+    why = "to continue across them would invent memory"
+    remedy = "it is cut there; declare cuts in a column `segment`"
+    findings.append(Finding("warn", "undeclared cut", motion.source, what, why, remedy))
     return motion.cut(cuts), tuple(findings)
 
 
@@ -122,58 +103,32 @@ def drop_holds(
 ) -> tuple[Trajectory, tuple[Finding, ...]]:
     """Drop spans in which the motion is held away from its middle and then released.
 
-    ``sigma`` (d,) is the noise and ``period_s`` the natural period [s]. Inputs must be constant, because an
-    input that moves is reason enough to start. A clip that rests in the middle of its later swing is no hold,
-    nor is one that never moves again.
+    Inputs must be constant, because an input that moves is reason enough to start. A clip that rests in the
+    middle of its later swing is no hold, nor is one that never moves again.
     """
-    if period_s is None or (motion.n_u and np.ptp(motion.u, axis=0).any()):
+    if period_s is None or np.ptp(motion.u, axis=0).any():
         return motion, ()
     kept, dropped = [], []
     for start, stop in motion.segments:
         holds = _find_holds(motion, start, stop, sigma, period_s)
         edges = [start, *(edge for hold in holds for edge in hold), stop]
-        kept += [
-            (a, b)
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-            if b - a >= DISCONTINUITIES.polynomial_samples
-        ]
+        between = zip(edges[::2], edges[1::2], strict=True)
+        kept += [(a, b) for a, b in between if b - a >= DISCONTINUITIES.polynomial_samples]
         dropped += holds
     if not dropped or not kept:
         return motion, ()
     where = ", ".join(f"{motion.time_s[a]:.4g} to {motion.time_s[b - 1]:.4g} s" for a, b in dropped[:4])
-    return motion.pieces(kept), (
-        Finding(
-            "warn",
-            "hold",
-            motion.source,
-            f"held still away from the middle of its swing, then let go ({where})",
-            "a hand that holds is a force that is not recorded",
-            "these stretches are left out and the motion is cut there",
-        ),
-    )
-
-
-def _find_catch_ups(motion: Trajectory, sigma: np.ndarray) -> Int64[np.ndarray, " J"]:
-    """First samples after a span of repeated frames."""
-    repeated = find_repeated_samples(
-        motion.q, np.array(motion.segments), np.where(np.isfinite(sigma), sigma, 0.0)
-    )
-    return np.flatnonzero(repeated[:-1] & ~repeated[1:]) + 1
+    what = f"held still away from the middle of its swing, then let go ({where})"
+    why = "a hand that holds is a force that is not recorded"
+    remedy = "these stretches are left out and the motion is cut there"
+    return motion.pieces(kept), (Finding("warn", "hold", motion.source, what, why, remedy),)
 
 
 def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -> list[_Jump]:
     """Find the largest significant mismatch of each neighbourhood, the most visible coordinate first."""
-    side = (
-        DISCONTINUITIES.polynomial_samples
-        if period_s is None
-        else int(
-            np.clip(
-                DISCONTINUITIES.polynomial_periods * period_s / motion.dt_s,
-                4,
-                DISCONTINUITIES.polynomial_samples,
-            )
-        )
-    )
+    side = DISCONTINUITIES.polynomial_samples
+    if period_s is not None:
+        side = int(np.clip(DISCONTINUITIES.polynomial_periods * period_s / motion.dt_s, 4, side))
     degree = 2 if side >= 5 else 1
     jumps: list[_Jump] = []
     for start, stop in motion.segments:
@@ -183,33 +138,26 @@ def _find_jumps(motion: Trajectory, sigma: np.ndarray, period_s: float | None) -
         window = at[:, None] + np.arange(-side, side)
         middle = 0.5 * (motion.time_s[at] + motion.time_s[at - 1])
         offset = (motion.time_s[window] - middle[:, None]) / motion.dt_s
-        ends = [
-            np.linalg.pinv(half[..., None] ** np.arange(degree + 1))[:, :2]
-            for half in (offset[:, :side], offset[:, side:])
-        ]
+        powers = offset[..., None] ** np.arange(degree + 1)
+        ends = [np.linalg.pinv(half)[:, :2] for half in (powers[:, :side], powers[:, side:])]
         noise = np.sqrt(sum((end[:, 0] ** 2).sum(axis=1) for end in ends))
         for i in range(motion.d):
             values = motion.q[window, i]
-            left, right = (
-                np.einsum("nck,nk->nc", end, part)
-                for end, part in zip(ends, (values[:, :side], values[:, side:]), strict=True)
-            )
-            size = right[:, 0] - left[:, 0]
-            error = noise * max(float(sigma[i]) if np.isfinite(sigma[i]) else 0.0, 1e-12 * np.ptp(values))
-            change = right[:, 1] - left[:, 1]
+            left = np.einsum("nck,nk->nc", ends[0], values[:, :side])
+            right = np.einsum("nck,nk->nc", ends[1], values[:, side:])
+            size, change = (right - left).T
+            error = noise * max(sigma[i], 1e-12 * np.ptp(values))
             usual, span = _describe_surroundings(np.abs(size), motion.q[at, i], side)
-            limit = np.maximum.reduce(
-                [
-                    DISCONTINUITIES.jump_standard_errors * error,
-                    DISCONTINUITIES.mismatch_ratio * usual,
-                    DISCONTINUITIES.min_range_share * span,
-                    DISCONTINUITIES.knock_ratio * np.abs(change),
-                ]
+            limits = (
+                DISCONTINUITIES.jump_standard_errors * error,
+                DISCONTINUITIES.mismatch_ratio * usual,
+                DISCONTINUITIES.min_range_share * span,
+                DISCONTINUITIES.knock_ratio * np.abs(change),
             )
             rate = 0.5 * (left[:, 1] + right[:, 1])
             before, step, after = (np.diff(values[:, side - 2 : side + 2]) * np.sign(size)[:, None]).T
             sudden = step - np.maximum(before, after) > DISCONTINUITIES.isolated_step_share * np.abs(size)
-            beyond = sudden * np.abs(size) / np.maximum(limit, np.finfo(float).tiny)
+            beyond = sudden * np.abs(size) / np.maximum(np.max(limits, axis=0), np.finfo(float).tiny)
             numbers = np.stack([np.abs(size), error, rate * np.sign(size), np.abs(change), span], axis=1)
             jumps += [_Jump(int(at[k]), i, *numbers[k].tolist()) for k in _find_peaks(beyond, side)]
     # One event shows in several coordinates: keep the one in which it is largest.
@@ -248,50 +196,32 @@ def _is_frame_loss(jump: _Jump, motion: Trajectory, speed: float, period_s: floa
     return 0.5 < frames < DISCONTINUITIES.max_lost_frames and jump.rate_change < allowed
 
 
-def _report_frequent_jumps(motion: Trajectory, cuts: list[int]) -> Finding:
-    """The finding of jumps too frequent to be cuts."""
-    return Finding(
-        "warn",
-        "frequent jumps",
-        motion.source,
-        f"{len(cuts)} jumps in position, more than one in two periods",
-        "so many are no cuts: the sensor jumps, or the motion is sampled too coarsely",
-        "nothing is cut; look at the recording",
-    )
-
-
 def _find_holds(
     motion: Trajectory, start: int, stop: int, sigma: np.ndarray, period_s: float
 ) -> list[tuple[int, int]]:
     """Spans of a clip in which the motion is held still away from its middle, as (first sample, end)."""
-    least = max(
-        int(DISCONTINUITIES.min_hold_periods * period_s / motion.dt_s), 2 * DISCONTINUITIES.polynomial_samples
-    )
+    shortest = int(DISCONTINUITIES.min_hold_periods * period_s / motion.dt_s)
+    least = max(shortest, 2 * DISCONTINUITIES.polynomial_samples)
     if stop - start < 2 * least:
         return []
     clip = motion.pieces([(start, stop)])
     half = max(2, min(DISCONTINUITIES.polynomial_samples, least // 4))
     fit = fit_locally(clip, half_width=half)
     typical = clip.q.std(axis=0)
-    noise = np.where(np.isfinite(sigma), sigma, 0.0)
-    still_rate = np.maximum(4.0 * noise * fit.rate_gain[:, None], 0.02 * typical * 2.0 * np.pi / period_s)
-    still = (np.abs(fit.v) < still_rate).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    still_rate = np.maximum(4.0 * sigma * fit.rate_gain[:, None], 0.02 * typical * 2.0 * np.pi / period_s)
     holds = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        after = clip.q[last : last + int(2.0 * period_s / motion.dt_s)]
-        if last - first < least or len(after) < least:
+    for (still,) in find_objects(label((np.abs(fit.v) < still_rate).all(axis=1))[0]):
+        after = clip.q[still.stop : still.stop + int(2.0 * period_s / motion.dt_s)]
+        if still.stop - still.start < least or len(after) < least:
             continue
         swing = 0.5 * np.ptp(after, axis=0)
-        position = fit.q[first:last]
+        position = fit.q[still]
         away = np.abs(np.median(position, axis=0) - 0.5 * (after.max(axis=0) + after.min(axis=0)))
-        moves = swing > np.maximum(DISCONTINUITIES.min_swing_noise_ratio * noise, 0.1 * typical)
-        if (
-            moves
-            & (away > DISCONTINUITIES.min_hold_offset * swing)
-            & (np.ptp(position, axis=0) < DISCONTINUITIES.max_hold_motion * swing)
-        ).any():
-            holds.append((start + int(first), start + int(last)))
+        held = swing > np.maximum(DISCONTINUITIES.min_swing_noise_ratio * sigma, 0.1 * typical)
+        held &= away > DISCONTINUITIES.min_hold_offset * swing
+        held &= np.ptp(position, axis=0) < DISCONTINUITIES.max_hold_motion * swing
+        if held.any():
+            holds.append((start + still.start, start + still.stop))
     return holds
 
 
@@ -301,7 +231,7 @@ def find_repeated_samples(
     """Mark the samples that repeat an earlier one because a frame was recorded twice.
 
     A mechanism that sticks moves on from where it stood; a repeated frame is followed by a jump to where the
-    motion has arrived by then. ``clips`` are (first sample, end) and ``sigma`` is the noise.
+    motion has arrived by then. ``clips`` are (first sample, end).
     """
     repeated = np.zeros(len(q), dtype=bool)
     step = np.sqrt(2.0) * np.maximum(sigma, 1e-300)
@@ -334,10 +264,8 @@ def _find_standstills(z: np.ndarray) -> list[tuple[int, int]]:
     """Spans (first sample, end) that stay within noise of their first sample."""
     standstills, first = [], 0
     while first < len(z):
-        stays = (
-            np.abs(z[first : first + REPEATED_FRAMES.max_repeats] - z[first])
-            <= REPEATED_FRAMES.same_image_steps
-        ).all(axis=1)
+        away = np.abs(z[first : first + REPEATED_FRAMES.max_repeats] - z[first])
+        stays = (away <= REPEATED_FRAMES.same_image_steps).all(axis=1)
         end = first + (len(stays) if stays.all() else int(np.argmin(stays)))
         if end - first >= REPEATED_FRAMES.min_uncertain_length:
             standstills.append((first, end))

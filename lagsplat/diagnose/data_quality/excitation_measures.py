@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import EXCITATION
-from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.noise import LocalFit, MeasurementNoise, fit_locally
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -44,7 +44,6 @@ class ExcitationMeasures:
     period_s: float
     periods: float
     clips: int
-    d: int
     amplitude_ratio: float
     speed_ratio: float
     reversals: int
@@ -72,61 +71,53 @@ def measure_excitation(
     dt_s = float(np.median([motion.dt_s for motion in motions]))
     half = int(np.clip(0.08 * period_s / dt_s, 2, 60))
     fits = [fit_locally(motion, half_width=half) for motion in motions]
-    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
+    sigma = noise.known_sigma
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
     rate = np.sqrt(np.concatenate([fit.v**2 for fit in fits]).mean(axis=0))
     size = np.maximum(q.std(axis=0), np.finfo(float).tiny)
     best = int(np.argmax(size / np.maximum(sigma, 1e-9 * size)))
-    swings = [
-        _find_swings(m, f, i, sigma[i]) for i in range(q.shape[1]) for m, f in zip(motions, fits, strict=True)
-    ]
-    per_coordinate = [swings[i * len(motions) : (i + 1) * len(motions)] for i in range(q.shape[1])]
-    ratios = [
-        _compute_quantile_ratio(np.concatenate([s[0] for s in coordinate_swings]), 0.9)
-        for coordinate_swings in per_coordinate
-    ]
-    speeds = [
-        _compute_quantile_ratio(np.concatenate([s[1] for s in coordinate_swings]), 0.9)
-        for coordinate_swings in per_coordinate
-    ]
+    best_noise = max(sigma[best], 1e-9 * size[best])
+    swings = [_find_swings(motions, fits, i, sigma[i]) for i in range(q.shape[1])]
     rests = [_find_rests(m, f, rate, sigma, period_s) for m, f in zip(motions, fits, strict=True)]
     slow = np.concatenate([np.abs(fit.v) < EXCITATION.slow_rate_share * rate for fit in fits]).mean(axis=0)
     return ExcitationMeasures(
         period_s=period_s,
         periods=sum(motion.duration_s for motion in motions) / period_s,
         clips=sum(len(motion.segments) for motion in motions),
-        d=q.shape[1],
-        amplitude_ratio=max(ratios),
-        speed_ratio=max(speeds),
-        reversals=max(sum(len(s[0]) for s in coordinate_swings) for coordinate_swings in per_coordinate),
+        amplitude_ratio=max(_compute_quantile_ratio(sizes) for sizes, _ in swings),
+        speed_ratio=max(_compute_quantile_ratio(times_s) for _, times_s in swings),
+        reversals=max(len(sizes) for sizes, _ in swings),
         slow_share=float(slow.max()),
         rest_periods=max((length for rest in rests for length, _ in rest), default=0.0) / period_s,
         holds=_count_distinct(np.array([place for rest in rests for _, place in rest]), np.ptp(q, axis=0)),
-        swing_over_noise=float(np.min([size[best] / max(sigma[best], 1e-9 * size[best]), 1e6])),
-        step_over_noise=float(min(rate[best] * dt_s / max(sigma[best], 1e-9 * size[best]), 1e6)),
+        swing_over_noise=float(min(size[best] / best_noise, 1e6)),
+        step_over_noise=float(min(rate[best] * dt_s / best_noise, 1e6)),
         samples_per_period=period_s / dt_s,
         inputs=tuple(_measure_input(motions, i, period_s) for i in range(motions[0].n_u)),
     )
 
 
-def _find_swings(motion: Trajectory, fit: LocalFit, i: int, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def _find_swings(
+    motions: Sequence[Trajectory], fits: Sequence[LocalFit], i: int, sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Half the distance between turning points, and the time between them [s], where above the noise."""
-    sizes, times = [], []
-    for start, stop in motion.segments:
-        v = fit.v[start:stop, i]
-        turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
-        amplitudes = 0.5 * np.abs(np.diff(fit.q[turns, i]))
-        visible = amplitudes > EXCITATION.swing_noise_ratio * sigma + 1e-6 * np.ptp(motion.q[:, i])
-        sizes.append(amplitudes[visible])
-        times.append(np.diff(motion.time_s[turns])[visible])
-    return np.concatenate(sizes), np.concatenate(times)
+    sizes, times_s = [], []
+    for motion, fit in zip(motions, fits, strict=True):
+        least = EXCITATION.swing_noise_ratio * sigma + 1e-6 * np.ptp(motion.q[:, i])
+        for start, stop in motion.segments:
+            v = fit.v[start:stop, i]
+            turns = start + 1 + np.flatnonzero((v[1:] > 0) != (v[:-1] > 0))
+            amplitudes = 0.5 * np.abs(np.diff(fit.q[turns, i]))
+            sizes.append(amplitudes[amplitudes > least])
+            times_s.append(np.diff(motion.time_s[turns])[amplitudes > least])
+    return np.concatenate(sizes), np.concatenate(times_s)
 
 
-def _compute_quantile_ratio(values: np.ndarray, share: float) -> float:
-    """Ratio of the upper to the lower quantile; 1 with fewer than three values."""
+def _compute_quantile_ratio(values: np.ndarray) -> float:
+    """Ratio of the upper to the lower decile; 1 with fewer than three values."""
     if len(values) < 3:
         return 1.0
-    low, high = np.quantile(values, [1.0 - share, share])
+    low, high = np.quantile(values, [1.0 - 0.9, 0.9])
     return float(high / low) if low > 0 else 1.0
 
 
@@ -140,11 +131,11 @@ def _find_rests(
     still = (np.abs(fit.v) < limit).all(axis=1)
     rests = []
     for start, stop in motion.segments:
-        edges = start + np.flatnonzero(np.diff(np.concatenate([[0], still[start:stop].astype(int), [0]])))
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            length = float(motion.time_s[b - 1] - motion.time_s[a])
-            if length >= EXCITATION.min_rest_periods * period_s:
-                rests.append((length, np.median(motion.q[a:b], axis=0)))
+        for (run,) in find_objects(label(still[start:stop])[0]):
+            rest = slice(start + run.start, start + run.stop)
+            length_s = float(motion.time_s[rest.stop - 1] - motion.time_s[rest.start])
+            if length_s >= EXCITATION.min_rest_periods * period_s:
+                rests.append((length_s, np.median(motion.q[rest], axis=0)))
     return rests
 
 
@@ -183,17 +174,10 @@ def _measure_input(motions: Sequence[Trajectory], i: int, period_s: float) -> In
                 frequency.append(np.fft.rfftfreq(len(grid), motion.dt_s))
     low, high = _find_power_band(np.concatenate(frequency), np.concatenate(power)) if power else (0.0, 0.0)
     levels = _count_distinct(np.abs(np.array(peaks))[:500, None], np.array([size])) if peaks else 2
-    return InputMeasures(
-        name,
-        True,
-        bool(u.min() < -0.02 * size and u.max() > 0.02 * size),
-        float((np.abs(u) < 0.2 * size).mean()),
-        levels,
-        low * period_s,
-        high * period_s,
-        steps,
-        reversals,
-    )
+    crosses_zero = bool(u.min() < -0.02 * size and u.max() > 0.02 * size)
+    small_share = float((np.abs(u) < 0.2 * size).mean())
+    band = (low * period_s, high * period_s)
+    return InputMeasures(name, True, crosses_zero, small_share, levels, *band, steps, reversals)
 
 
 def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
@@ -204,48 +188,3 @@ def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, f
         return 0.0, 0.0
     low, high = np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])
     return float(frequency[order][low]), float(frequency[order][min(high, len(order) - 1)])
-
-
-def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[Finding]:
-    """Report inputs that are constant on the real side, and those that move only there.
-
-    The latter leave the verdict undetermined: a simulator that never saw an input move does not know its
-    effect.
-    """
-    if not real:
-        return []
-    findings = []
-    shared = [name for name in real[0].u_names if not sim or name in sim[0].u_names]
-    for name in shared:
-        moves_real, moves_sim = _input_moves(real, name), not sim or _input_moves(sim, name)
-        if not moves_real:
-            findings.append(
-                Finding(
-                    "warn",
-                    "constant input",
-                    "real",
-                    f"{name} is constant",
-                    "lag, delay, dead zone, saturation, play and gain of it cannot be seen",
-                    "move it through zero, slowly and fast, if such effects are in question",
-                    (name,),
-                )
-            )
-        elif not moves_sim:
-            findings.append(
-                Finding(
-                    "undetermined",
-                    "input of one side",
-                    "real",
-                    f"{name} moves, and is constant in the sim",
-                    "the sim does not tell what this input does, which would pass for an effect",
-                    "record the sim with this input moving",
-                    (name,),
-                )
-            )
-    return findings
-
-
-def _input_moves(motions: Sequence[Trajectory], name: str) -> bool:
-    """Whether the named input is more than a constant over all motions."""
-    values = np.concatenate([motion.u[:, motion.u_names.index(name)] for motion in motions])
-    return bool(np.ptp(values) > EXCITATION.constant_tolerance * np.abs(values).max())

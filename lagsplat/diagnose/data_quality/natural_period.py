@@ -21,10 +21,7 @@ class _Clip:
 
 
 def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
-    """Estimate the undamped period [s] of the slowest mode; None where nothing swings.
-
-    It is the first of `estimate_natural_periods_s`.
-    """
+    """Estimate the undamped period [s] of the slowest mode; None where nothing swings."""
     periods = estimate_natural_periods_s(motions)
     return float(periods[0]) if len(periods) else None
 
@@ -64,35 +61,31 @@ def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndar
 
 def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     """Clips long enough for a test function, at even steps, in units of the whole motion's deviation."""
-    total = sum(motion.n for motion in motions)
-    stride = max(1, total // NATURAL_PERIOD.max_samples)
     q = np.concatenate([motion.q for motion in motions])
     u = np.concatenate([motion.u for motion in motions])
+    if not q.std(axis=0).any():
+        return []
+    stride = max(1, len(q) // NATURAL_PERIOD.max_samples)
     centre, size = q.mean(axis=0), np.maximum(q.std(axis=0), np.finfo(float).tiny)
     u_centre, u_size = u.mean(axis=0), u.std(axis=0)
     moving = u_size > 1e-9 * (np.abs(u_centre) + u_size)
+    shortest = 2 * NATURAL_PERIOD.min_test_samples
     clips = []
     for motion in motions:
         for start, stop in motion.segments:
-            if stop - start < 2 * NATURAL_PERIOD.min_test_samples or not q.std(axis=0).any():
+            if stop - start < shortest:
                 continue
             time = motion.time_s[start:stop]
-            dt_s = (
-                stride * motion.dt_s
-                if stop - start >= 2 * NATURAL_PERIOD.min_test_samples * stride
-                else motion.dt_s
-            )
+            dt_s = stride * motion.dt_s if stop - start >= shortest * stride else motion.dt_s
             grid = np.arange(time[0], time[-1], dt_s)
             if len(grid) < NATURAL_PERIOD.min_test_samples + 2:
                 continue
-            position = [np.interp(grid, time, column) for column in motion.q[start:stop].T]
-            inputs = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
-            inputs = [*inputs, np.zeros_like(grid)][: max(1, len(inputs))]
-            scale = np.where(u_size[moving] > 0, u_size[moving], 1.0) if moving.any() else np.ones(1)
-            mean = u_centre[moving] if moving.any() else np.zeros(1)
-            clips.append(
-                _Clip((np.stack(position, 1) - centre) / size, (np.stack(inputs, 1) - mean) / scale, dt_s)
-            )
+            position = np.stack([np.interp(grid, time, column) for column in motion.q[start:stop].T], 1)
+            inputs = np.zeros((len(grid), 1))
+            if moving.any():
+                columns = [np.interp(grid, time, column) for column in motion.u[start:stop].T[moving]]
+                inputs = (np.stack(columns, 1) - u_centre[moving]) / u_size[moving]
+            clips.append(_Clip((position - centre) / size, inputs, dt_s))
     return clips
 
 
@@ -107,9 +100,9 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
         s = np.linspace(-1.0, 1.0, n)
         half_s = 0.5 * (n - 1) * clip.dt_s
         tests = compute_test_functions(s, half_s)
-        projected = [_correlate(np.hstack([clip.q, clip.u]), test) for test in tests]
-        stride = max(1, n // 8)
-        value, slope, bend = (part[::stride] for part in projected)
+        columns = np.hstack([clip.q, clip.u])
+        inner = [oaconvolve(columns, test[::-1, None], mode="valid", axes=0) for test in tests]
+        value, slope, bend = (product[:: max(1, n // 8)] for product in inner)
         trend = np.zeros((len(value), 2 * len(clips)))
         trend[:, 2 * number] = tests[0].sum()
         trend[:, 2 * number + 1] = tests[0].sum() * np.linspace(-1.0, 1.0, len(value))
@@ -147,18 +140,12 @@ def compute_test_functions(
     )
 
 
-def _correlate(series: np.ndarray, test: np.ndarray) -> np.ndarray:
-    """Inner products of a series (N, k) with a test function at every position."""
-    return oaconvolve(series, test[::-1, None], mode="valid", axes=0)
-
-
 def _select_modes(
     stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
 ) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods of the modes of ``a = -K q`` that carry enough of the motion, slowest first.
+    """Periods [s] of the modes of ``a = -K q`` that carry enough of the motion, slowest first.
 
-    Returns:
-        The periods [s] and the relative standard error of the first mode's stiffness.
+    With them comes the relative standard error of the first mode's stiffness.
     """
     values, shapes = np.linalg.eig(stiffness)
     if np.linalg.cond(shapes) > 1e8:
@@ -172,9 +159,8 @@ def _select_modes(
         return np.zeros(0), np.inf
     kept = kept[np.argsort(values.real[kept])]
     slowest = kept[0]
-    error = (np.abs(rows[slowest]) ** 2 @ variance) * (
-        shapes[:, slowest].conj() @ spread @ shapes[:, slowest]
-    )
+    shape = shapes[:, slowest]
+    error = (np.abs(rows[slowest]) ** 2 @ variance) * (shape.conj() @ spread @ shape)
     periods = 2.0 * np.pi / np.sqrt(values.real[kept])
     return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
 

@@ -1,9 +1,7 @@
 """Measurement noise of a recorded motion, and local polynomials that smooth it.
 
-`measure_noise` estimates deviation, correlation and quantisation step of the noise by likelihood.
-`estimate_noise_level` is a faster estimate of the deviation alone, from the residual of local cubics.
-`fit_locally` and `fit_local_cubic` give value, rate and acceleration at every sample; they differ at borders
-and in how they choose the window.
+`estimate_noise_level` is a faster estimate than `measure_noise`, of the deviation alone. `fit_locally` and
+`fit_local_cubic` differ at borders and in how they choose the window.
 """
 
 from collections.abc import Sequence
@@ -45,18 +43,16 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     """
     if half_width < 2:
         raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
-    parts = [np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)]
+    fitted, gain = np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)
     for start, stop in motion.segments:
         width = min(2 * half_width + 1, stop - start)
         for first in range(start, stop, CHUNK_SAMPLES):
             at = np.arange(first, min(first + CHUNK_SAMPLES, stop))
-            left = np.clip(at - half_width, start, stop - width)
-            weights = _compute_polynomial_weights(motion.time_s, at, left[:, None] + np.arange(width))
-            around = motion.q[left[:, None] + np.arange(width)]
-            parts[0][:, at] = np.einsum("nck,nkd->cnd", weights, around)
-            parts[1][at] = np.linalg.norm(weights[:, 1], axis=1)
-    (q, v, a), gain = parts
-    return LocalFit(q, v, a, gain)
+            window = np.clip(at - half_width, start, stop - width)[:, None] + np.arange(width)
+            weights = _compute_polynomial_weights(motion.time_s, at, window)
+            fitted[:, at] = np.einsum("nck,nkd->cnd", weights, motion.q[window])
+            gain[at] = np.linalg.norm(weights[:, 1], axis=1)
+    return LocalFit(*fitted, gain)
 
 
 def _compute_polynomial_weights(
@@ -90,24 +86,24 @@ def fit_local_cubic(
     """
     smooth, slope, bend = np.empty_like(q), np.empty_like(q), np.empty_like(q)
     for start, stop in clips:
-        n = stop - start
-        half = _choose_half_width(time_s[start:stop], width_s)
+        clip, n = slice(start, stop), stop - start
+        half = _choose_half_width(time_s[clip], width_s)
         if n < 5:
-            smooth[start:stop] = q[start:stop]
-            slope[start:stop] = np.gradient(q[start:stop], time_s[start:stop], axis=0) if n > 1 else 0.0
-            bend[start:stop] = 0.0
+            smooth[clip] = q[clip]
+            slope[clip] = np.gradient(q[clip], time_s[clip], axis=0) if n > 1 else 0.0
+            bend[clip] = 0.0
             continue
         dt = (time_s[stop - 1] - time_s[start]) / (n - 1)
         centre = np.clip(np.arange(n), half, n - 1 - half)
-        index = start + centre[:, None] + np.arange(-half, half + 1)[None, :]
-        x = (time_s[index] - time_s[start:stop, None]) / (half * dt)
+        index = start + centre[:, None] + np.arange(-half, half + 1)
+        x = (time_s[index] - time_s[clip, None]) / (half * dt)
         degree = 3 if 2 * half + 1 > 5 else 2
         powers = x[..., None] ** np.arange(degree + 1)
         gram = np.einsum("nka,nkb->nab", powers, powers)
         moment = np.einsum("nka,nkd->nad", powers, q[index])
         solved = np.linalg.solve(gram, moment)
-        smooth[start:stop], slope[start:stop] = solved[:, 0], solved[:, 1] / (half * dt)
-        bend[start:stop] = 2.0 * solved[:, 2] / (half * dt) ** 2
+        smooth[clip], slope[clip] = solved[:, 0], solved[:, 1] / (half * dt)
+        bend[clip] = 2.0 * solved[:, 2] / (half * dt) ** 2
     return smooth, slope, bend
 
 
@@ -132,16 +128,15 @@ def estimate_noise_level(
     has nine samples.
     """
     residuals = []
+    smooth = fit_local_cubic(time_s, q, clips, width_s=width_s)[0]
     for start, stop in clips:
-        n = stop - start
         half = _choose_half_width(time_s[start:stop], width_s)
         if half < 4:
             continue
-        clip = np.array([[0, n]])
-        smooth = fit_local_cubic(time_s[start:stop], q[start:stop], clip, width_s=width_s)[0]
         m = 2 * half + 1
         kept = 1.0 - 0.75 * (3.0 * m * m - 7.0) / (m * (m * m - 4.0))
-        residuals.append((q[start:stop] - smooth)[half : n - half] / np.sqrt(kept))
+        inner = slice(start + half, stop - half)
+        residuals.append((q[inner] - smooth[inner]) / np.sqrt(kept))
     if not residuals:
         return np.full(q.shape[1], np.nan)
     residual = np.concatenate(residuals)
@@ -162,6 +157,11 @@ class MeasurementNoise:
     correlation: Float64[np.ndarray, " d"]
     step: Float64[np.ndarray, " d"]
 
+    @property
+    def known_sigma(self) -> Float64[np.ndarray, " d"]:
+        """``sigma``, with zero where it is not known."""
+        return np.where(np.isfinite(self.sigma), self.sigma, 0.0)
+
 
 def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> MeasurementNoise:
     """Measure the noise of motions that one sensor recorded.
@@ -177,27 +177,16 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     """
     d = motions[0].d
     sigma, correlation = np.full(d, np.nan), np.zeros(d)
-    step = np.array(
-        [find_quantisation_step(np.concatenate([motion.q[:, i] for motion in motions])) for i in range(d)]
-    )
+    step = np.array([find_quantisation_step(column) for column in np.concatenate([m.q for m in motions]).T])
     dt_s = np.median([motion.dt_s for motion in motions])
-    longest = (
-        NOISE_ESTIMATION.min_window
-        if period_s is None
-        else int(
-            np.clip(
-                NOISE_ESTIMATION.max_window_periods * period_s / dt_s,
-                NOISE_ESTIMATION.min_window,
-                NOISE_ESTIMATION.max_window,
-            )
-        )
-    )
-    shortest = _estimate_in_windows(motions, NOISE_ESTIMATION.min_window, dt_s)
-    for i in range(d if shortest else 0):
-        sigma[i], correlation[i] = shortest[i][:2]
-    for width in sorted(
-        {longest, (NOISE_ESTIMATION.min_window + longest) // 2} - {NOISE_ESTIMATION.min_window}
-    ):
+    least = longest = NOISE_ESTIMATION.min_window
+    if period_s is not None:
+        wanted = NOISE_ESTIMATION.max_window_periods * period_s / dt_s
+        longest = int(np.clip(wanted, least, NOISE_ESTIMATION.max_window))
+    shortest = _estimate_in_windows(motions, least, dt_s)
+    for i, (size, rho, _) in enumerate(shortest):
+        sigma[i], correlation[i] = size, rho
+    for width in sorted({longest, (least + longest) // 2} - {least}):
         for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s)):
             if plain < NOISE_ESTIMATION.window_agreement * shortest[i][2]:
                 sigma[i], correlation[i] = size, rho
@@ -222,30 +211,27 @@ def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
     return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
 
 
-def _choose_windows(motions: Sequence[Trajectory], width: int) -> list[tuple[int, int]]:
-    """Motion and first sample of windows of ``width`` samples, spread evenly over all motions."""
-    windows = [
-        (m, k)
-        for m, motion in enumerate(motions)
-        for start, stop in motion.segments
-        for k in range(start, stop - width + 1, width)
-    ]
-    chosen = np.unique(
-        np.linspace(0, len(windows) - 1, min(len(windows), NOISE_ESTIMATION.max_windows)).astype(int)
-    )
-    return [windows[k] for k in chosen] if windows else []
-
-
 def _estimate_in_windows(
     motions: Sequence[Trajectory], width: int, dt_s: float
 ) -> list[tuple[float, float, float]]:
     """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white."""
-    windows = _choose_windows(motions, width)
+    windows = [
+        (motion, slice(first, first + width))
+        for motion in motions
+        for start, stop in motion.segments
+        for first in range(start, stop - width + 1, width)
+    ]
     if not windows:
         return []
-    time = np.stack([motions[m].time_s[k : k + width] for m, k in windows]) / dt_s
-    values = np.stack([motions[m].q[k : k + width] for m, k in windows])
-    contrasts = _compute_contrasts(time)
+    count = min(len(windows), NOISE_ESTIMATION.max_windows)
+    chosen = [windows[k] for k in np.unique(np.linspace(0, len(windows) - 1, count).astype(int))]
+    time = np.stack([motion.time_s[window] for motion, window in chosen]) / dt_s
+    values = np.stack([motion.q[window] for motion, window in chosen])
+    offset = time - time.mean(axis=1, keepdims=True)
+    offset = offset / np.abs(offset).max(axis=1, keepdims=True)
+    terms = NOISE_ESTIMATION.polynomial_degree + 1
+    # An orthonormal basis (W, K, c) of the complement of polynomials over each window.
+    contrasts = np.linalg.qr(offset[..., None] ** np.arange(terms), mode="complete")[0][..., terms:]
     lags = np.abs(time[:, :, None] - time[:, None, :])
     projected = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
     rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
@@ -255,14 +241,6 @@ def _estimate_in_windows(
     ]
 
 
-def _compute_contrasts(time: np.ndarray) -> Float64[np.ndarray, "W K c"]:
-    """An orthonormal basis of the complement of polynomials over each window."""
-    offset = time - time.mean(axis=1, keepdims=True)
-    offset = offset / np.abs(offset).max(axis=1, keepdims=True)
-    powers = offset[..., None] ** np.arange(NOISE_ESTIMATION.polynomial_degree + 1)
-    return np.linalg.qr(powers, mode="complete")[0][..., NOISE_ESTIMATION.polynomial_degree + 1 :]
-
-
 def _fit_autoregression(
     observed: np.ndarray, contrasts: np.ndarray, lags: np.ndarray
 ) -> tuple[float, float, float]:
@@ -270,11 +248,8 @@ def _fit_autoregression(
     scores = []
     size = observed.shape[1]
     even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
-    for rho in np.where(
-        np.abs(np.linspace(*NOISE_ESTIMATION.correlation_grid)) < 1e-9,
-        0.0,
-        np.linspace(*NOISE_ESTIMATION.correlation_grid),
-    ):
+    grid = np.linspace(*NOISE_ESTIMATION.correlation_grid)
+    for rho in np.where(np.abs(grid) < 1e-9, 0.0, grid):
         if rho < 0.0 and not even:  # negative correlation alternates, which is defined for even steps only
             continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
@@ -282,11 +257,8 @@ def _fit_autoregression(
         covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
         distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
         variance = _fit_student_variance(distance, size)
-        fitted = (
-            np.log1p(distance / (NOISE_ESTIMATION.student_t_freedom * variance)).sum()
-            * (NOISE_ESTIMATION.student_t_freedom + size)
-            / 2.0
-        )
+        freedom = NOISE_ESTIMATION.student_t_freedom
+        fitted = np.log1p(distance / (freedom * variance)).sum() * (freedom + size) / 2.0
         volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
         # Noise correlated over more than a window looks like motion: a prior keeps the correlation small.
         prior = 3.0 * np.log1p(-(rho**2))
@@ -295,7 +267,7 @@ def _fit_autoregression(
     best = max(scores)
     chosen = best if best[0] - white[0] > NOISE_ESTIMATION.correlated_log_ratio else white
     # Student's scale is below the variance of Gaussian noise, by a factor that depends on the size only.
-    factor = _compute_gaussian_factor(size)
+    factor = 1.0 / _fit_student_variance(chi2.ppf((np.arange(2000) + 0.5) / 2000, size), size)
     return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
 
 
@@ -304,18 +276,11 @@ def _fit_student_variance(distance: np.ndarray, size: int) -> float:
     # Where most windows are exactly at rest the scale goes to zero; the floor avoids a division by zero.
     floor = 1e-12 * float(distance.mean()) / size
     variance = max(float(np.median(distance)) / size, floor)
+    freedom = NOISE_ESTIMATION.student_t_freedom
     for _ in range(50):
-        weight = (NOISE_ESTIMATION.student_t_freedom + size) / (
-            NOISE_ESTIMATION.student_t_freedom + distance / variance
-        )
+        weight = (freedom + size) / (freedom + distance / variance)
         following = max(float((weight * distance).mean()) / size, floor)
         if abs(following - variance) < 1e-6 * variance:
             break
         variance = following
     return variance
-
-
-def _compute_gaussian_factor(size: int) -> float:
-    """Variance of Gaussian errors over the scale that Student's t finds for them."""
-    distance = chi2.ppf((np.arange(2000) + 0.5) / 2000, size)
-    return 1.0 / _fit_student_variance(distance, size)

@@ -1,14 +1,14 @@
 """Sampling of a recording: averages of one far finer than its motion, and checks of one too coarse or short.
 
-`average_dense_samples` shortens a log at 1 kHz of a swing of one second, say: computing time grows with every
-sample, and a thousand of them a period hold no more than a hundred means of ten. The checks find repeated,
-rounded or clipped samples, too few of them a period, and recordings too short or at rest.
+Computing time grows with every sample, and a thousand of them a period hold no more than a hundred means of
+ten.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
@@ -36,17 +36,13 @@ def average_dense_samples(
         shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
         averaged.append(shorter)
         if shorter is not motion:
-            findings.append(
-                Finding(
-                    "note",
-                    "averaged",
-                    motion.source,
-                    f"{1.0 / motion.dt_s:.3g} samples a second are far more than the motion needs, so that "
-                    f"means of {n} are looked at, {1.0 / shorter.dt_s:.3g} a second",
-                    "what happens within so short a time, as a sample that comes late, is not seen",
-                    "cut out and give a short stretch, if that is what is sought",
-                )
+            what = (
+                f"{1.0 / motion.dt_s:.3g} samples a second are far more than the motion needs, so that "
+                f"means of {n} are looked at, {1.0 / shorter.dt_s:.3g} a second"
             )
+            why = "what happens within so short a time, as a sample that comes late, is not seen"
+            remedy = "cut out and give a short stretch, if that is what is sought"
+            findings.append(Finding("note", "averaged", motion.source, what, why, remedy))
     return tuple(averaged), tuple(findings)
 
 
@@ -98,77 +94,40 @@ def check_length(
 ) -> list[Finding]:
     """Check that there is motion, and enough of it to fit on one half and to test on the other."""
     q = np.concatenate([motion.q - motion.q.mean(axis=0) for motion in motions])
-    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
     size = np.sqrt((q**2).mean(axis=0))
-    still = size <= np.maximum(
-        SAMPLING.rest_noise_ratio * sigma, 1e-12 * np.abs(np.concatenate([m.q for m in motions])).max()
-    )
-    still &= ~_moves_smoothly(motions, still)
+    rounding = 1e-12 * np.abs(np.concatenate([motion.q for motion in motions])).max()
+    still = size <= np.maximum(SAMPLING.rest_noise_ratio * noise.known_sigma, rounding)
+    still &= ~_moves_smoothly(motions)
     names = tuple(name for name, at_rest in zip(motions[0].q_names, still, strict=True) if at_rest)
     if still.all() or period_s is None:
-        return [
-            Finding(
-                "undetermined",
-                "at rest",
-                side,
-                "nothing swings: no coordinate moves beyond its noise in a way that returns",
-                "a mechanism at rest shows no law of motion",
-                "record it released from away from its rest, or driven, for some ten swings",
-                names,
-            )
-        ]
+        what = "nothing swings: no coordinate moves beyond its noise in a way that returns"
+        why = "a mechanism at rest shows no law of motion"
+        remedy = "record it released from away from its rest, or driven, for some ten swings"
+        return [Finding("undetermined", "at rest", side, what, why, remedy, names)]
     findings = []
     if names:
-        findings.append(
-            Finding(
-                "warn",
-                "coordinate at rest",
-                side,
-                f"{', '.join(names)} does not move beyond its noise",
-                "nothing can be said of its dynamics",
-                "record a motion in which it takes part",
-                names,
-            )
-        )
-    return findings + _check_duration(motions, period_s, side)
-
-
-def _check_duration(motions: Sequence[Trajectory], period_s: float, side: str) -> list[Finding]:
-    """Findings of recordings with too few periods or blocks."""
+        what = f"{', '.join(names)} does not move beyond its noise"
+        why, remedy = "nothing can be said of its dynamics", "record a motion in which it takes part"
+        findings.append(Finding("warn", "coordinate at rest", side, what, why, remedy, names))
     duration_s = sum(motion.duration_s for motion in motions)
     periods, blocks = duration_s / period_s, count_blocks(motions, period_s=period_s)
-    findings = []
+    remedy = f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s"
     if periods < SAMPLING.min_periods:
-        findings.append(
-            Finding(
-                "undetermined",
-                "too short",
-                side,
-                f"{duration_s:.3g} s, or {periods:.2g} natural periods of {period_s:.3g} s",
-                "on so little every cause looks alike",
-                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s",
-            )
-        )
+        what = f"{duration_s:.3g} s, or {periods:.2g} natural periods of {period_s:.3g} s"
+        why = "on so little every cause looks alike"
+        findings.append(Finding("undetermined", "too short", side, what, why, remedy))
     elif blocks < SAMPLING.min_blocks:
-        findings.append(
-            Finding(
-                "warn",
-                "short",
-                side,
-                f"{blocks} block(s) of {SAMPLING.block_periods:g} natural periods "
-                f"({duration_s:.3g} s in all)",
-                f"{SAMPLING.min_blocks // 2} to fit and {SAMPLING.min_blocks // 2} to test are wanted, "
-                "so that less can be told apart",
-                f"record at least {SAMPLING.min_blocks * SAMPLING.block_periods * period_s:.3g} s "
-                "in clips of several periods",
-            )
-        )
+        what = f"{blocks} block(s) of {SAMPLING.block_periods:g} natural periods ({duration_s:.3g} s in all)"
+        half = SAMPLING.min_blocks // 2
+        why = f"{half} to fit and {half} to test are wanted, so that less can be told apart"
+        remedy += " in clips of several periods"
+        findings.append(Finding("warn", "short", side, what, why, remedy))
     return findings
 
 
-def _moves_smoothly(motions: Sequence[Trajectory], still: np.ndarray) -> np.ndarray:
+def _moves_smoothly(motions: Sequence[Trajectory]) -> np.ndarray:
     """Whether each coordinate, though small, moves smoothly: several samples in a row agree."""
-    smooth = np.zeros(len(still), dtype=bool)
+    smooth = np.zeros(motions[0].d, dtype=bool)
     for motion in motions:
         for start, stop in motion.segments:
             part = motion.q[start:stop] - motion.q[start:stop].mean(axis=0)
@@ -189,37 +148,25 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
     ]
     if period_s is not None and period_s / motion.dt_s < SAMPLING.coarse_samples_per_period:
         density = period_s / motion.dt_s
-        hopeless = density < SAMPLING.min_samples_per_period
-        findings.append(
-            Finding(
-                "undetermined" if hopeless else "warn",
-                "too coarse",
-                motion.source,
-                f"{density:.2g} samples a natural period",
-                "rates and accelerations are guesswork between so few",
-                f"record at least {2.0 * SAMPLING.coarse_samples_per_period / period_s:.3g} samples a second",
-            )
-        )
+        level = "undetermined" if density < SAMPLING.min_samples_per_period else "warn"
+        what = f"{density:.2g} samples a natural period"
+        why = "rates and accelerations are guesswork between so few"
+        wanted_hz = 2.0 * SAMPLING.coarse_samples_per_period / period_s
+        remedy = f"record at least {wanted_hz:.3g} samples a second"
+        findings.append(Finding(level, "too coarse", motion.source, what, why, remedy))
     return findings
 
 
 def _check_quantisation(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
     """Findings of coordinates whose quantisation step is large compared with their motion."""
-    size = motion.q.std(axis=0)
-    rough = noise.step > SAMPLING.quantization_share * size
-    return [
-        Finding(
-            "warn",
-            "quantised",
-            motion.source,
-            f"{name} comes in steps of {step:.3g}, {step / max(rms, 1e-300):.2g} of its rms",
-            "small motions vanish in the steps and look like friction",
-            "record larger motions, or with a finer sensor",
-            (name,),
-        )
-        for name, step, rms, coarse in zip(motion.q_names, noise.step, size, rough, strict=True)
-        if coarse
-    ]
+    findings = []
+    for name, step, size in zip(motion.q_names, noise.step, motion.q.std(axis=0), strict=True):
+        if step > SAMPLING.quantization_share * size:
+            what = f"{name} comes in steps of {step:.3g}, {step / max(size, 1e-300):.2g} of its rms"
+            why = "small motions vanish in the steps and look like friction"
+            remedy = "record larger motions, or with a finer sensor"
+            findings.append(Finding("warn", "quantised", motion.source, what, why, remedy, (name,)))
+    return findings
 
 
 def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
@@ -229,23 +176,17 @@ def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding
         values = motion.q[:, i]
         for extreme, which in ((values.max(), "largest"), (values.min(), "smallest")):
             at = values == extreme
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
-            runs = edges[1::2] - edges[::2]
-            clipped = at.mean() > SAMPLING.clipped_share and (runs >= SAMPLING.clipped_run).sum() >= 2
+            lengths = np.bincount(label(at)[0])[1:]
+            count, share = int((lengths >= SAMPLING.clipped_run).sum()), at.mean()
             # A coarse step makes plateaus at every turning point; so does a rest that is the extreme.
-            if clipped and noise.step[i] < 0.02 * np.ptp(values) and at.mean() < 0.5:
-                findings.append(
-                    Finding(
-                        "warn",
-                        "clipped",
-                        motion.source,
-                        f"{name} stays exactly at its {which} value {extreme:.6g} in {100 * at.mean():.2g} % "
-                        f"of the samples, {int((runs >= SAMPLING.clipped_run).sum())} times",
-                        "a sensor at its limit looks like an end stop",
-                        "check the sensor's range",
-                        (name,),
-                    )
+            coarse = noise.step[i] >= 0.02 * np.ptp(values)
+            if count >= 2 and SAMPLING.clipped_share < share < 0.5 and not coarse:
+                what = (
+                    f"{name} stays exactly at its {which} value {extreme:.6g} in {100 * share:.2g} % of the "
+                    f"samples, {count} times"
                 )
+                why, remedy = "a sensor at its limit looks like an end stop", "check the sensor's range"
+                findings.append(Finding("warn", "clipped", motion.source, what, why, remedy, (name,)))
     return findings
 
 
@@ -256,25 +197,18 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
     same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1)
     if not same.any():
         return []
-    speed = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
-    sigma = np.where(np.isfinite(noise.sigma), noise.sigma, 0.0)
-    moves = speed > SAMPLING.repeat_noise_ratio * np.maximum(sigma, noise.step) + 1e-9 * np.ptp(
-        motion.q, axis=0
-    )
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        same[start:stop] &= stop - start <= SAMPLING.max_repeats
-    repeats = np.flatnonzero(same & moves.any(axis=1))
+    step = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
+    least = SAMPLING.repeat_noise_ratio * np.maximum(noise.known_sigma, noise.step)
+    moves = (step > least + 1e-9 * np.ptp(motion.q, axis=0)).any(axis=1)
+    for (run,) in find_objects(label(same)[0]):
+        same[run] &= run.stop - run.start <= SAMPLING.max_repeats
+    repeats = np.flatnonzero(same & moves)
     if not repeats.size:
         return []
-    return [
-        Finding(
-            "warn",
-            REPEATED_SAMPLES_CHECK,
-            motion.source,
-            f"{len(repeats)} sample(s) repeat the one before while the motion goes on, the first at "
-            f"{motion.time_s[repeats[0] + 1]:.6g} s",
-            "a frame that is shown twice is a frame that was lost",
-            "record without dropped frames; `frame_drops` is among the candidates",
-        )
-    ]
+    what = (
+        f"{len(repeats)} sample(s) repeat the one before while the motion goes on, the first at "
+        f"{motion.time_s[repeats[0] + 1]:.6g} s"
+    )
+    why = "a frame that is shown twice is a frame that was lost"
+    remedy = "record without dropped frames; `frame_drops` is among the candidates"
+    return [Finding("warn", REPEATED_SAMPLES_CHECK, motion.source, what, why, remedy)]

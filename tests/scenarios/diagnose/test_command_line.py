@@ -149,7 +149,7 @@ def test_what_a_sim_misses_where_it_was_not_seen_is_not_called_unknown_physics(
     rows = (Candidate(verdict, 0.9), Candidate("creep", 0.1))
     found = Diagnosis(verdict, rows, (), None, None, (), (), (), (), (), {})
     finding = Finding("warn", check, "real", "60 % lie outside", "there it is extrapolated", "record a sim")
-    checked = DataCheck(None, PreparedSide((), (), None, MeasurementNoise(*np.zeros((3, 1))), 4), (finding,))
+    checked = DataCheck(None, PreparedSide((), (), None, MeasurementNoise(*np.zeros((3, 1)))), (finding,))
     assert ("undetermined" not in flag_extrapolation(found, checked).checks) == held
 
 

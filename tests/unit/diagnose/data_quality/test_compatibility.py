@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Finding, refuse
-from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK, check_coordinates, check_region
-from lagsplat.diagnose.data_quality.excitation_measures import check_inputs
+from lagsplat.diagnose.data_quality.compatibility import (
+    MOSTLY_OUTSIDE_CHECK,
+    check_coordinates,
+    check_inputs,
+    check_region,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import multisine, swing
 
@@ -47,6 +51,8 @@ def test_inputs_of_one_side() -> None:
     assert said(check_coordinates([free], [DRIVEN])) == [("undetermined", "input of one side")]
     silent = with_input(free, np.full(900, 0.3))
     assert said(check_coordinates([free], [silent])) == [("note", "input of one side")]
+    with pytest.raises(ValueError, match="Other files of real have it"):
+        refuse(check_coordinates([free], [silent, free]))
 
 
 def test_inputs_that_never_move_and_those_that_the_sim_never_moved() -> None:

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.data_quality.closed_loop import check_feedback, measure_feedback
-from lagsplat.diagnose.data_quality.time_alignment import check_time_offset, score_input_shifts
+from lagsplat.diagnose.data_quality.input_checks import (
+    check_feedback,
+    check_time_offset,
+    measure_feedback,
+    score_input_shifts,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
 
