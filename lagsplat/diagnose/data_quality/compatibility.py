@@ -111,8 +111,8 @@ def check_region(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     nominal = np.concatenate([motion.q for motion in sim])
     measured = np.concatenate([motion.q for motion in real])
     findings = []
-    for name, *columns in zip(sim[0].q_names, nominal.T, measured.T, strict=True):
-        findings += _check_units(*columns, name)
+    for name, sim_column, real_column in zip(sim[0].q_names, nominal.T, measured.T, strict=True):
+        findings += _check_units(sim_column, real_column, name)
     centre, root = _estimate_robust_cloud(nominal)
     reach = np.quantile(np.linalg.norm((nominal - centre) @ root, axis=1), 0.99)
     distance = np.linalg.norm((measured - centre) @ root, axis=1)

@@ -52,7 +52,8 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
             weights = _compute_polynomial_weights(motion.time_s, at, window)
             fitted[:, at] = np.einsum("nck,nkd->cnd", weights, motion.q[window])
             gain[at] = np.linalg.norm(weights[:, 1], axis=1)
-    return LocalFit(*fitted, gain)
+    q, v, a = fitted
+    return LocalFit(q, v, a, gain)
 
 
 def _compute_polynomial_weights(
