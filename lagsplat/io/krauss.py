@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -26,19 +27,11 @@ CHUNK_BYTES = 2**24
 REPAIR = "fetch it again, or name another file with recording.path=FILE"
 
 
-def read_krauss_npz(
-    path: str | os.PathLike[str], *, dt_s: float, expected_inputs: int, licence: str = "unknown"
-) -> Recording:
+def read_krauss_npz(path: str | os.PathLike[str], *, dt_s: float, expected_inputs: int) -> Recording:
     """Read the NPZ archive at ``path`` as one clip with a frame every ``dt_s`` seconds.
 
     Floating-point images become uint8. Multiples of 1/255, as published, lose nothing; otherwise a warning
     gives the largest change. Entirely black frames cause a warning.
-
-    Args:
-        path: The archive.
-        dt_s: Spacing of the frames [s].
-        expected_inputs: Number of pressures.
-        licence: Kept in the recording's ``meta``.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
@@ -50,105 +43,92 @@ def read_krauss_npz(
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; check recording.path")
-    with _damage_named(path), zipfile.ZipFile(path) as archive:
-        keys = {name.removesuffix(".npy") for name in archive.namelist()}
-        names = _pressure_names(path, keys, expected_inputs)
-        frames = _read_frames(path, archive)
-        columns = [_read_pressure(path, archive, name, len(frames)) for name in names]
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = _pressure_names(path, archive, expected_inputs)
+            frames = _read_frames(path, archive)
+            columns = [_read_pressure(path, archive, name, len(frames)) for name in names]
+    # NotImplementedError: a compression that zipfile lacks. RuntimeError: an encrypted member.
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise ValueError(f"{path}: truncated or not an NPZ archive ({error}); {REPAIR}") from error
     return Recording(
         frames=frames,
         time_s=dt_s * np.arange(len(frames)),
         inputs=np.stack(columns, axis=1) if columns else np.zeros((len(frames), 0)),
         input_names=names,
         input_units=("atm",) * len(names),
-        meta={"origin": "filmed", "source": path.name, "sha256": sha256_of(path), "licence": licence},
+        meta={"origin": "filmed", "source": path.name, "sha256": sha256_of(path), "licence": "unknown"},
     )
 
 
-@contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
-    # NotImplementedError: a compression that zipfile lacks. RuntimeError: an encrypted member.
-    try:
-        yield
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise ValueError(f"{path}: truncated or not an NPZ archive ({error}); {REPAIR}") from error
-
-
-def _pressure_names(path: Path, keys: set[str], expected: int) -> tuple[str, ...]:
+def _pressure_names(path: Path, archive: zipfile.ZipFile, expected: int) -> tuple[str, ...]:
+    keys = {name.removesuffix(".npy") for name in archive.namelist()}
     if "images" not in keys:
         raise ValueError(f"{path}: no key 'images', only {sorted(keys)}; {REPAIR}")
     numbers = sorted(int(key[1:]) for key in keys if re.fullmatch("p[1-9][0-9]*", key))
-    missing = sorted(set(range(1, max([expected, *numbers]) + 1)) - set(numbers))
-    if missing:
+    if numbers != list(range(1, expected + 1)):
         raise ValueError(
-            f"{path}: pressure channel 'p{missing[0]}' is missing; found "
-            f"{[f'p{n}' for n in numbers]}, the system has {expected}. Check system= and recording.path="
-        )
-    if len(numbers) != expected:
-        raise ValueError(
-            f"{path}: {len(numbers)} pressure channels, 'p1' to 'p{len(numbers)}', but the system has "
-            f"{expected}. "
-            "Check system= and recording.path="
+            f"{path}: pressure channels {[f'p{n}' for n in numbers]}, but the system has {expected}, from "
+            "'p1' on without a hole. Check system= and recording.path="
         )
     return tuple(f"p{number}" for number in numbers)
 
 
-def _open_array(
-    path: Path, archive: zipfile.ZipFile, key: str
-) -> tuple[zipfile.ZipExtFile, tuple[int, ...], bool, np.dtype]:
-    stream = cast(zipfile.ZipExtFile, archive.open(f"{key}.npy"))
-    try:
-        major, _ = np.lib.format.read_magic(stream)
-        read_header = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}[major]
-        shape, column_major, dtype = read_header(stream)
-    except (ValueError, KeyError) as error:
-        stream.close()
-        raise ValueError(f"{path}: key {key!r} is not a plain NumPy array ({error}); {REPAIR}") from error
-    if dtype.hasobject:
-        stream.close()
-        raise ValueError(
-            f"{path}: key {key!r} holds Python objects, which could execute code and are never loaded; "
-            "save it as numbers"
-        )
-    return stream, shape, column_major, dtype
+@dataclass(frozen=True)
+class _StoredArray:
+    """An array of the archive, read up to its header."""
+
+    stream: zipfile.ZipExtFile
+    shape: tuple[int, ...]
+    column_major: bool
+    dtype: np.dtype
 
 
-def _read_exactly(path: Path, stream: zipfile.ZipExtFile, key: str, n_bytes: int) -> bytes:
-    data = stream.read(n_bytes)
-    if len(data) < n_bytes:
-        raise ValueError(f"{path}: key {key!r} ends {n_bytes - len(data)} bytes early; {REPAIR}")
-    return data
+@contextmanager
+def _open_array(path: Path, archive: zipfile.ZipFile, key: str) -> Iterator[_StoredArray]:
+    with cast(zipfile.ZipExtFile, archive.open(f"{key}.npy")) as stream:
+        try:
+            major, _ = np.lib.format.read_magic(stream)
+            readers = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
+            array = _StoredArray(stream, *readers[major](stream))
+        except (ValueError, KeyError) as error:
+            raise ValueError(f"{path}: key {key!r} is not a plain NumPy array ({error}); {REPAIR}") from error
+        if array.dtype.hasobject:
+            raise ValueError(
+                f"{path}: key {key!r} holds Python objects, which could execute code and are never loaded; "
+                "save it as numbers"
+            )
+        yield array
 
 
-def _chunks(path: Path, archive: zipfile.ZipFile, key: str, shape: tuple[int, ...]) -> Iterator[np.ndarray]:
-    stream, _, column_major, dtype = _open_array(path, archive, key)
+def _chunks(path: Path, key: str, array: _StoredArray) -> Iterator[np.ndarray]:
+    """Successive rows of an array, `CHUNK_BYTES` or a row at a time."""
+    shape, dtype = array.shape, array.dtype
     per_row = max(1, math.prod(shape[1:])) * dtype.itemsize
-    rows = max(1, CHUNK_BYTES // per_row)
-    with stream:
-        if column_major:  # each frame is then scattered over the member, so it cannot be streamed
-            data = _read_exactly(path, stream, key, shape[0] * per_row)
-            yield np.frombuffer(data, dtype).reshape(shape[::-1]).T
-            return
-        for start in range(0, shape[0], rows):
-            n = min(rows, shape[0] - start)
-            yield np.frombuffer(_read_exactly(path, stream, key, n * per_row), dtype).reshape(n, *shape[1:])
+    # In column-major order each frame is scattered over the member, so that it cannot be streamed.
+    rows = shape[0] if array.column_major else max(1, CHUNK_BYTES // per_row)
+    for start in range(0, shape[0], rows):
+        n = min(rows, shape[0] - start)
+        data = array.stream.read(n * per_row)
+        if len(data) < n * per_row:
+            raise ValueError(f"{path}: key {key!r} ends {n * per_row - len(data)} bytes early; {REPAIR}")
+        values = np.frombuffer(data, dtype)
+        yield values.reshape(shape[::-1]).T if array.column_major else values.reshape(n, *shape[1:])
 
 
 def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H W 3"]:
-    stream, shape, _, dtype = _open_array(path, archive, "images")
-    stream.close()
-    if len(shape) != 4 or shape[1] != 3 or 0 in shape:
-        hint = "channels come second, not last" if shape[-1:] == (3,) else "colour pictures are needed"
-        raise ValueError(f"{path}: 'images' has shape {shape}, not (T, 3, H, W); {hint}")
-    if dtype != np.uint8 and dtype.kind != "f":
-        raise ValueError(f"{path}: 'images' has dtype {dtype}; store uint8, or floating point in [0, 1]")
-    frames = np.empty((shape[0], shape[2], shape[3], 3), np.uint8)
-    start, black, change = 0, 0, 0.0
-    for chunk in _chunks(path, archive, "images", shape):
-        part = frames[start : start + len(chunk)]
-        change = max(change, _store(path, chunk, part, start))
-        black += int((~part.reshape(len(part), -1).any(axis=1)).sum())
-        start += len(chunk)
+    with _open_array(path, archive, "images") as images:
+        shape, dtype = images.shape, images.dtype
+        if len(shape) != 4 or shape[1] != 3 or 0 in shape:
+            hint = "channels come second, not last" if shape[-1:] == (3,) else "colour pictures are needed"
+            raise ValueError(f"{path}: 'images' has shape {shape}, not (T, 3, H, W); {hint}")
+        if dtype != np.uint8 and dtype.kind != "f":
+            raise ValueError(f"{path}: 'images' has dtype {dtype}; store uint8, or floating point in [0, 1]")
+        frames = np.empty((shape[0], shape[2], shape[3], 3), np.uint8)
+        start, change = 0, 0.0
+        for chunk in _chunks(path, "images", images):
+            change = max(change, _store(path, chunk, frames[start : start + len(chunk)], start))
+            start += len(chunk)
     # A low-precision float cannot represent a multiple of 1/255 more closely than this.
     if dtype.kind == "f" and change > max(0.01, 255.0 * float(np.finfo(dtype).eps)):
         warnings.warn(
@@ -156,7 +136,7 @@ def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H
             f"{change:.2f} of a grey level",
             stacklevel=3,
         )
-    if black:
+    if black := int((~frames.reshape(len(frames), -1).any(axis=1)).sum()):
         warnings.warn(f"{path}: {black} of {len(frames)} frames are entirely black", stacklevel=3)
     return frames
 
@@ -184,15 +164,13 @@ def _store(path: Path, chunk: np.ndarray, out: np.ndarray, first: int) -> float:
 def _read_pressure(
     path: Path, archive: zipfile.ZipFile, key: str, n_frames: int
 ) -> Float64[np.ndarray, " T"]:
-    stream, shape, _, dtype = _open_array(path, archive, key)
-    with stream:
-        if shape != (n_frames,) or dtype.kind not in "fiu":
+    with _open_array(path, archive, key) as array:
+        if array.shape != (n_frames,) or array.dtype.kind not in "fiu":
             raise ValueError(
-                f"{path}: {key!r} has shape {shape} and dtype {dtype}, but there are {n_frames} images; "
-                f"give ({n_frames},) numbers, one pressure [atm] a frame"
+                f"{path}: {key!r} has shape {array.shape} and dtype {array.dtype}, but there are {n_frames} "
+                f"images; give ({n_frames},) numbers, one pressure [atm] a frame"
             )
-        data = _read_exactly(path, stream, key, n_frames * dtype.itemsize)
-    values = np.frombuffer(data, dtype).astype(np.float64)
+        values = np.concatenate(list(_chunks(path, key, array))).astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise ValueError(
