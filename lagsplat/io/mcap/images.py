@@ -10,7 +10,6 @@ import base64
 import struct
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,21 +19,20 @@ from jaxtyping import UInt8
 
 from lagsplat.io.mcap.messages import read_field
 
-Shape = Callable[[np.ndarray], np.ndarray]
-
 
 class CameraReader:
     """Images of one topic, by the number of their message.
 
-    ``shape`` converts a BGR image to the frame that is kept. A message that cannot be decoded is skipped and
-    listed in ``damaged``, unless it is the first. Use it in a ``with`` block: it may make a temporary file.
+    ``make_frame`` converts a BGR image to the frame that is kept. A message that cannot be decoded is skipped
+    and listed in ``damaged``, unless it is the first. Use it in a ``with`` block: it may make a temporary
+    file.
     """
 
-    def __init__(self, topic: str, shape: Shape) -> None:
+    def __init__(self, topic: str, make_frame: Callable[[np.ndarray], np.ndarray]) -> None:
         self.topic = topic
         self.pictures: dict[int, np.ndarray] = {}
         self.damaged: list[str] = []
-        self._shape = shape
+        self._make_frame = make_frame
         self._packets = VideoPackets()
         self._wanted: list[bool] = []
 
@@ -56,13 +54,13 @@ class CameraReader:
         if kind is None:
             raise ValueError(
                 f"topic {self.topic} holds {schema_name}, which is no picture; choose a topic of "
-                "CompressedImage, Image, RawImage or CompressedVideo"
+                f"{', '.join(MESSAGES)}"
             )
         try:
             if kind == VIDEO:
                 self._packets.add(message_bytes(message), format=str(read_field(message, "format")))
             elif wanted:
-                self.pictures[number] = self._shape(decode_image(message, kind))
+                self.pictures[number] = self._make_frame(decode_image(message, kind))
         except ValueError as error:
             if kind == VIDEO or not self.pictures:
                 raise ValueError(f"topic {self.topic}, message {number}: {error}") from error
@@ -77,7 +75,7 @@ class CameraReader:
         if self._packets.count:
             for number, picture in enumerate(self._packets.pictures()):
                 if self._wanted[number]:
-                    self.pictures[number] = self._shape(picture)
+                    self.pictures[number] = self._make_frame(picture)
 
 
 COMPRESSED, RAW, VIDEO = "compressed", "raw", "video"
@@ -132,10 +130,8 @@ def decode_image(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
     Raises:
         ValueError: the encoding is unknown, or the bytes are no valid image.
     """
-    return _decompressed(message) if kind == COMPRESSED else _raw(message)
-
-
-def _decompressed(message: Any) -> UInt8[np.ndarray, "h w 3"]:
+    if kind == RAW:
+        return _decode_raw(message)
     data = np.frombuffer(message_bytes(message), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
@@ -146,7 +142,7 @@ def _decompressed(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     return picture
 
 
-def _raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
+def _decode_raw(message: Any) -> UInt8[np.ndarray, "h w 3"]:
     encoding = str(read_field(message, "encoding"))
     if encoding.lower() not in LAYOUTS:
         raise ValueError(f"its encoding {encoding!r} is unknown; those read are {', '.join(LAYOUTS)}")
@@ -177,11 +173,7 @@ TRANSCODE = "transcode the film, for instance to H.264 without B-frames, or to p
 
 
 class VideoPackets:
-    """Packets of one video in a temporary file, decoded at the end and deleted by `close`.
-
-    Raises:
-        ValueError: the format of a packet is unknown, or changes.
-    """
+    """Packets of one video in a temporary file, decoded at the end and deleted by `close`."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -198,7 +190,11 @@ class VideoPackets:
         return Path(self._folder.name) / f"film{STREAMS[self.format][0]}"
 
     def add(self, packet: bytes, *, format: str) -> None:
-        """Append one packet."""
+        """Append one packet.
+
+        Raises:
+            ValueError: its format is unknown, or another than before.
+        """
         if format not in STREAMS:
             raise ValueError(f"the video format {format!r} is unknown; those read are {', '.join(STREAMS)}")
         if self.count and format != self.format:
@@ -219,28 +215,18 @@ class VideoPackets:
         Raises:
             ValueError: OpenCV cannot decode the video, or the numbers of images and packets differ.
         """
-        found = 0
-        with _opened(self.path) as capture:
-            while True:
-                whole, picture = capture.read()
-                if not whole:
-                    break
+        found, capture = 0, cv2.VideoCapture(str(self.path))
+        try:
+            while (read := capture.read())[0]:
                 found += 1
                 if found <= self.count:
-                    yield picture
+                    yield read[1]
+        finally:
+            capture.release()
+        if found == 0:
+            raise ValueError(f"OpenCV cannot decode the {self.format!r} video on this machine; {TRANSCODE}")
         if found != self.count:
             raise ValueError(
                 f"{self.count} packets of {self.format!r} video give {found} pictures, so times cannot be "
                 f"told; {TRANSCODE}"
-                if found
-                else f"OpenCV cannot decode the {self.format!r} video on this machine; {TRANSCODE}"
             )
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
-    capture = cv2.VideoCapture(str(path))
-    try:
-        yield capture
-    finally:
-        capture.release()

@@ -36,47 +36,41 @@ def align_log(
 ) -> AlignedInputs:
     """Interpolate the ``logs`` to frames at the strictly increasing times ``frame_s`` [s].
 
-    Args:
-        frame_s: Times of the frames.
-        logs: Samples of each input.
-        max_gap_s: Longer spacings, in a log or in the frames, are gaps [s].
-        source: Name of the recording in warnings and errors.
+    Spacings above ``max_gap_s`` [s], in a log or in the frames, are gaps.
 
     Raises:
         ValueError: a log has fewer than two samples, or no frame has every number.
     """
+    outside, inside_gap = np.zeros((2, len(frame_s)), bool)
+    gap_starts: list[float] = []
     for log in logs:
         _require_overlap(frame_s, log, source)
-    outside = np.zeros(len(frame_s), bool)
-    inside_gap = np.zeros(len(frame_s), bool)
-    gaps = [(log, *_gaps(log.time_s, max_gap_s)) for log in logs]
-    for log, before, after in gaps:
         outside |= (frame_s < log.time_s[0]) | (frame_s > log.time_s[-1])
-        for a, b in zip(before, after, strict=True):
-            inside_gap |= (frame_s > a) & (frame_s < b)
+        for before, after in pairwise(log.time_s.tolist()):
+            if after - before > max_gap_s:
+                inside_gap |= (frame_s > before) & (frame_s < after)
+                gap_starts.append(before)
+    inside_gap &= ~outside
     kept = ~(outside | inside_gap)
     if not kept.any():
         raise ValueError(
             f"{source}: none of the {len(frame_s)} frames has a value of every input; "
-            + _ranges(frame_s, logs)
-            + f". Raise recording.mcap.max_gap_s={max_gap_s:g}, or leave an input out"
+            f"{_ranges(frame_s, logs)}. Raise recording.mcap.max_gap_s={max_gap_s:g}, or leave an input out"
         )
-    _warn(frame_s, outside, inside_gap & ~outside, logs, max_gap_s=max_gap_s, source=source)
+    reasons = []
+    if outside.any():
+        reasons.append(f"{outside.sum()} lie outside the inputs ({_ranges(frame_s, logs)})")
+    if inside_gap.any():
+        reasons.append(f"{inside_gap.sum()} lie inside gaps of the inputs of more than {max_gap_s:g} s")
+    if reasons:
+        dropped = f"{(~kept).sum()} of {len(frame_s)} frames are dropped: {', '.join(reasons)}"
+        warnings.warn(f"{source}: {dropped}", stacklevel=3)
     times = frame_s[kept]
-    cuts = set(np.flatnonzero(np.diff(times) > max_gap_s) + 1)
-    for _, before, _ in gaps:
-        cuts |= set(np.searchsorted(times, before, side="right"))
+    cuts = {*(np.flatnonzero(np.diff(times) > max_gap_s) + 1), *np.searchsorted(times, gap_starts, "right")}
     borders = [0, *sorted(int(cut) for cut in cuts if 0 < cut < len(times)), len(times)]
     columns = [np.interp(times, log.time_s, log.values) for log in logs]
     inputs = np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
     return AlignedInputs(kept, inputs, tuple(pairwise(borders)))
-
-
-def _gaps(
-    time_s: Float64[np.ndarray, " N"], max_gap_s: float
-) -> tuple[Float64[np.ndarray, " G"], Float64[np.ndarray, " G"]]:
-    wide = np.flatnonzero(np.diff(time_s) > max_gap_s)
-    return time_s[wide], time_s[wide + 1]
 
 
 def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: InputLog, source: str) -> None:
@@ -95,25 +89,3 @@ def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: InputLog, source: 
 def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog]) -> str:
     spans = [("the camera", frame_s), *((repr(log.name), log.time_s) for log in logs)]
     return ", ".join(f"{name} runs from {times[0]:.3f} s to {times[-1]:.3f} s" for name, times in spans)
-
-
-def _warn(
-    frame_s: Float64[np.ndarray, " T"],
-    outside: Bool[np.ndarray, " T"],
-    inside_gap: Bool[np.ndarray, " T"],
-    logs: Sequence[InputLog],
-    *,
-    max_gap_s: float,
-    source: str,
-) -> None:
-    told = []
-    if outside.any():
-        told.append(f"{outside.sum()} lie outside the inputs ({_ranges(frame_s, logs)})")
-    if inside_gap.any():
-        told.append(f"{inside_gap.sum()} lie inside gaps of the inputs of more than {max_gap_s:g} s")
-    if told:
-        warnings.warn(
-            f"{source}: {(outside | inside_gap).sum()} of {len(frame_s)} frames are dropped: "
-            + ", ".join(told),
-            stacklevel=4,
-        )
