@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -40,25 +41,22 @@ class Decoders:
         """
         try:
             if channel.id not in self._known:
-                self._known[channel.id] = self._decoder(schema, channel)
+                self._known[channel.id] = self._find(schema, channel.message_encoding)
             return self._known[channel.id](message.data)
         except Exception as error:  # every decoder raises its own errors
-            raise ValueError(
-                f"topic {channel.topic}: the message logged at {message.log_time} ns cannot be decoded: "
-                f"{error}"
-            ) from error
+            where = f"topic {channel.topic}: the message logged at {message.log_time} ns"
+            raise ValueError(f"{where} cannot be decoded: {error}") from error
 
-    def _decoder(self, schema: Schema | None, channel: Channel) -> Callable[[bytes], Any]:
-        if channel.message_encoding == "json":
+    def _find(self, schema: Schema | None, encoding: str) -> Callable[[bytes], Any]:
+        if encoding == "json":
             return json.loads
         for factory in self._factories:
-            decoder = factory.decoder_for(channel.message_encoding, schema)
-            if decoder is not None:
+            if decoder := factory.decoder_for(encoding, schema):
                 return decoder
         described = "no schema" if schema is None else f"a schema in {schema.encoding!r}"
         raise ValueError(
-            f"its encoding is {channel.message_encoding!r} with {described}; those read are ROS 2 CDR with "
-            "'ros2msg', protobuf, and JSON"
+            f"its encoding is {encoding!r} with {described}; those read are ROS 2 CDR with 'ros2msg', "
+            "protobuf, and JSON"
         )
 
 
@@ -86,9 +84,9 @@ def read_stamp_ns(message: Any) -> int | None:
                 has_presence = owner.DESCRIPTOR.fields_by_name[name].message_type is not None
                 if has_presence and not owner.HasField(name):
                     continue  # an unset protobuf field reads as zero
-            found = _time_ns(read_field(owner, name))
-            if found is not None:
-                return found
+            time_ns = _time_ns(read_field(owner, name))
+            if time_ns is not None:
+                return time_ns
     return None
 
 
@@ -110,21 +108,19 @@ def read_number(message: Any, path: str) -> float:
     Raises:
         ValueError: there is no such field; the message lists the numbers there are.
     """
-    found = message[path] if isinstance(message, dict) and path in message else _walk(message, path)
-    if isinstance(found, bool | int | float):
-        return float(found)
-    known = [name for name, _ in zip(list_number_paths(message), range(MOST_LISTED), strict=False)]
-    raise ValueError(f"field {path!r} is no number; numbers are {', '.join(known) or 'none'}")
-
-
-def _walk(message: Any, path: str) -> Any:
-    here, owner = message, None
-    for key, name in STEP.findall(path):
-        if name:
-            owner, here = here, read_field(here, name)
-        else:
-            here = _entry(here, key, names=read_field(owner, "name"))
-    return here
+    value, owner = message, None
+    if isinstance(message, dict) and path in message:
+        value = message[path]
+    else:
+        for key, name in STEP.findall(path):
+            if name:
+                owner, value = value, read_field(value, name)
+            else:
+                value = _entry(value, key, names=read_field(owner, "name"))
+    if isinstance(value, bool | int | float):
+        return float(value)
+    known = ", ".join(islice(list_number_paths(message), MOST_LISTED))
+    raise ValueError(f"field {path!r} is no number; numbers are {known or 'none'}")
 
 
 def _entry(array: Any, key: str, *, names: Any) -> Any:
@@ -155,8 +151,9 @@ def _paths_below(value: Any, path: str, labels: Sequence[str]) -> Iterator[str]:
         yield path
     elif _is_array(value):
         for i, entry in enumerate(list(value)[:MOST_LISTED]):
-            own = read_field(entry, "name")
-            label = own if isinstance(own, str) and own else labels[i] if len(labels) == len(value) else i
+            label: Any = read_field(entry, "name")
+            if not isinstance(label, str) or not label:
+                label = labels[i] if len(labels) == len(value) else i
             yield from _paths_below(entry, f"{path}[{label}]", ())
     else:
         yield from list_number_paths(value, f"{path}.")
@@ -170,18 +167,9 @@ class Timestamps:
     header_ns: list[int | None] = field(default_factory=list)
     log_ns: list[int] = field(default_factory=list)
 
-    def add(self, header_ns: int | None, log_ns: int) -> None:
-        """Append the times of one message."""
-        self.header_ns.append(header_ns)
-        self.log_ns.append(log_ns)
-
-    def chosen(self, clock: str) -> list[int | None]:
+    def of_clock(self, clock: str) -> list[int | None]:
         """The times on the clock ``header`` or ``log``."""
         return self.header_ns if clock == "header" else list(self.log_ns)
-
-    def upto(self, count: int) -> "Timestamps":
-        """The times of the first ``count`` messages."""
-        return Timestamps(self.topic, self.header_ns[:count], self.log_ns[:count])
 
 
 def choose_timestamps(
@@ -193,13 +181,12 @@ def choose_timestamps(
         ValueError: a message has no stamp, all stamps are equal, or a stamp is before its predecessor; the
             message names both and says whether the other clock runs forwards.
     """
-    chosen = stamps.chosen(clock)
-    where = f"{source}: topic {stamps.topic}"
-    if None in chosen:
+    given, where = stamps.of_clock(clock), f"{source}: topic {stamps.topic}"
+    if None in given:
         raise ValueError(
-            f"{where}: message {chosen.index(None)} carries no stamp; use recording.mcap.clock=log"
+            f"{where}: message {given.index(None)} carries no stamp; use recording.mcap.clock=log"
         )
-    times = np.array(chosen, np.int64)
+    times = np.array(given, np.int64)
     steps = np.diff(times)
     if len(times) > 1 and not steps.any():
         raise ValueError(
@@ -213,7 +200,7 @@ def choose_timestamps(
             f"{where}: the {clock} clock jumps back from {times[i] / 1e9:.6f} s (message {i}) to "
             f"{times[i + 1] / 1e9:.6f} s (message {i + 1}), {back.size} such steps{_other(stamps, clock)}"
         )
-    fresh = np.concatenate([np.ones(min(1, len(times)), bool), steps > 0])
+    fresh = np.diff(times, prepend=times[:1] - 1) > 0
     if not fresh.all():
         warnings.warn(
             f"{where}: {(~fresh).sum()} of {len(times)} messages carry the stamp of the one before and "
@@ -225,7 +212,7 @@ def choose_timestamps(
 
 def _other(stamps: Timestamps, clock: str) -> str:
     name = "log" if clock == "header" else "header"
-    other = stamps.chosen(name)
+    other = stamps.of_clock(name)
     if None not in other and (np.diff(np.array(other, np.int64)) > 0).all():
         return f". The {name} clock runs forwards: use recording.mcap.clock={name}"
     return f". The {name} clock is no better; cut the file there, for instance with `mcap filter`"

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, UInt8
-from mcap.records import Channel, Message, Schema
 
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.files.atomic import sha256_of
@@ -152,7 +151,8 @@ class _Log:
 
     def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
         header_ns = read_stamp_ns(message)
-        self._stamps[topic].add(header_ns, log_ns)
+        self._stamps[topic].header_ns.append(header_ns)
+        self._stamps[topic].log_ns.append(log_ns)
         if topic == self.camera.topic:
             self._take_picture(message, schema_name, header_ns if self.clock == "header" else log_ns)
         for (each, path), values in self._values.items():
@@ -203,9 +203,10 @@ class _Log:
         if self.settings.end_s is not None:
             # Messages after the cut are not checked: they may be the reason for the cut.
             end_ns = self.start_ns + round(1e9 * self.settings.end_s)
-            chosen = enumerate(stamps.chosen(self.clock), 1)
-            late = (count for count, time in chosen if time is not None and time >= end_ns)
-            stamps = stamps.upto(next(late, len(stamps.log_ns)))
+            times = enumerate(stamps.of_clock(self.clock), 1)
+            late = (count for count, time in times if time is not None and time >= end_ns)
+            count = next(late, len(stamps.log_ns))
+            stamps = Timestamps(stamps.topic, stamps.header_ns[:count], stamps.log_ns[:count])
         return choose_timestamps(stamps, clock=self.clock, source=str(self.path))
 
     def _warn(self, text: str) -> None:
@@ -277,22 +278,14 @@ def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
         name = schema.name if schema else ""
         topic = topics.setdefault(channel.topic, TopicSummary(channel.topic, name, channel.message_encoding))
         topic.log_ns.append(message.log_time)
-        if topic.problem or len(topic.numbers) >= MOST_LISTED:
-            continue
-        decoded = _decoded(decoders, topic, schema, channel, message)
-        if decoded is not None:
-            _look(topic, decoded, first)
+        if not topic.problem and len(topic.numbers) < MOST_LISTED:
+            try:
+                decoded = decoders.decode(schema, channel, message)
+            except ValueError as error:
+                topic.problem = str(error)
+            else:
+                _look(topic, decoded, first)
     return McapSurvey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
-
-
-def _decoded(
-    decoders: Decoders, topic: TopicSummary, schema: Schema | None, channel: Channel, message: Message
-) -> Any:
-    try:
-        return decoders.decode(schema, channel, message)
-    except ValueError as error:
-        topic.problem = str(error)
-        return None
 
 
 def _look(topic: TopicSummary, message: Any, first: dict[tuple[str, str], float]) -> None:

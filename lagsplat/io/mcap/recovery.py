@@ -55,8 +55,7 @@ def read_whole_messages(
             elif isinstance(record, Channel):
                 channels[record.id] = record
             elif isinstance(record, Message):
-                if record.channel_id in channels:
-                    channel = channels[record.channel_id]
+                if channel := channels.get(record.channel_id):
                     yield schemas.get(channel.schema_id), channel, record
                 else:
                     orphans += 1

@@ -29,8 +29,7 @@ from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 KIND = "session"
-NAMES = ("q", "v", "u", "load", "force", "place", "edits", "energy", "clip")
-ABOUT = {
+COLUMNS = {
     "q": "whitened latent state",
     "v": "its velocity [1/s]",
     "u": "inputs, in the recording's units",
@@ -46,7 +45,7 @@ TOPIC = "/session/state"
 
 @dataclass(frozen=True)
 class SessionLog:
-    """Rows ``dt_s`` apart: the columns of `NAMES`, each (N, k). ``meta`` is plain data."""
+    """Rows ``dt_s`` apart: the `COLUMNS`, each (N, k). ``meta`` is plain data."""
 
     dt_s: float
     columns: Mapping[str, np.ndarray]
@@ -71,7 +70,7 @@ def save_session(
     write_mcap(
         path,
         pictures=pictures,
-        numbers=[NumberTopic(TOPIC, time_s, log.columns, ABOUT)],
+        numbers=[NumberTopic(TOPIC, time_s, log.columns, COLUMNS)],
         metadata={key: json.dumps(value) for key, value in meta.items()},
     )
 
@@ -92,18 +91,18 @@ def read_session(path: str | os.PathLike[str]) -> SessionLog:
         ValueError: another kind of file, or a damaged one.
     """
     meta = _metadata(Path(path))
-    if meta.get("kind") != KIND or not isinstance(meta.get("dt_s"), float) or not 0 < meta["dt_s"] < np.inf:
+    dt_s = meta.pop("dt_s", None)
+    if meta.pop("kind", None) != KIND or not isinstance(dt_s, float) or not 0 < dt_s < np.inf:
         raise ValueError(f"{path}: an MCAP file, but no session that was saved by pushing a simulation")
     try:
         with open(path, "rb") as file:
             rows = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages([TOPIC])]
-        columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in NAMES}
+        columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in COLUMNS}
     except (McapError, ValueError, KeyError, TypeError, struct.error) as error:
         raise ValueError(f"{path}: its states cannot be read ({error}); save the session again") from error
-    shapes = {name: column.ndim for name, column in columns.items()}
-    if not rows or set(shapes.values()) != {2} or not all(np.isfinite(c).all() for c in columns.values()):
+    if not rows or not all(c.ndim == 2 and np.isfinite(c).all() for c in columns.values()):
         raise ValueError(f"{path}: {len(rows)} states whose columns do not fit; save the session again")
-    return SessionLog(meta["dt_s"], columns, {key: meta[key] for key in meta if key not in ("kind", "dt_s")})
+    return SessionLog(dt_s, columns, meta)
 
 
 def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
@@ -116,14 +115,15 @@ def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
     starts = [0, *(1 + np.flatnonzero(np.diff(clip))).tolist()]
     names = tuple(str(name) for name in log.meta.get("inputs", ()))
     pushed = columns["load"] if columns["load"].any() else columns["load"][:, :0]
+    u = np.concatenate([columns["u"], pushed], axis=1)
     u_names = (*names, *(f"push{i}" for i in range(pushed.shape[1])))
     return Trajectory(
         time_s=log.dt_s * np.arange(len(clip)),
         q=columns["q"],
         v=columns["v"],
-        u=np.concatenate([columns["u"], pushed], axis=1),
+        u=u,
         segments=tuple(pairwise([*starts, len(clip)])),
-        u_names=u_names if len(u_names) == columns["u"].shape[1] + pushed.shape[1] else (),
+        u_names=u_names if len(u_names) == u.shape[1] else (),
         source=Path(path).name,
     )
 
@@ -168,13 +168,7 @@ def write_mcap(
     metadata: Mapping[str, str],
     start_ns: int = 0,
 ) -> None:
-    """Write the topics to a new file at ``path``, atomically.
-
-    Args:
-        path: The file.
-        pictures, numbers: Topics of images and of numbers.
-        metadata: Text kept in the file.
-        start_ns: Log time of time zero [ns].
+    """Write the topics to a new file at ``path``, atomically; ``start_ns`` is the log time of time zero [ns].
 
     Raises:
         FileExistsError: ``path`` exists.
