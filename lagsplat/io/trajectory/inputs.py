@@ -46,9 +46,7 @@ def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
         numbers = [float(word) for word in text.strip("[]()").split(",")]
     except ValueError:
         table = read_table(Path(text))
-        rates = count_names(table, "v")
-        first = _block(table, (*count_names(table, "q"), *rates))[0]
-        numbers = first.tolist()
+        numbers = _block(table, (*count_names(table, "q"), *count_names(table, "v")))[0].tolist()
     if len(numbers) not in (d, 2 * d) or not np.isfinite(numbers).all():
         raise ValueError(
             f"initial={text}: {len(numbers)} number(s) {numbers}; the sim has {d} coordinate(s); give {d}, "
@@ -80,19 +78,17 @@ def read_input_log(
     names = (TIME, *count_names(table, "u"))
     values = np.stack([table.numbers(name) for name in names], axis=1)
     whole = np.flatnonzero(np.isfinite(values).all(axis=1))
+    source, lacking = table.source, len(values) - len(whole)
     if len(whole) < 2:
-        raise ValueError(
-            f"{table.source}: {len(whole)} row(s) with a number in every column; give two or more"
-        )
-    if len(whole) < len(values):
-        warnings.warn(
-            f"{table.source}: {len(values) - len(whole)} rows lack a number, left out", stacklevel=2
-        )
+        raise ValueError(f"{source}: {len(whole)} row(s) with a number in every column; give two or more")
+    if lacking:
+        warnings.warn(f"{source}: {lacking} rows lack a number, left out", stacklevel=2)
     time_s = values[whole, 0]
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if wrong.size:
+        before, after = wrong[0], wrong[0] + 1
         raise ValueError(
-            f"{table.place(int(whole[wrong[0] + 1]))}: t does not increase, {time_s[wrong[0] + 1]:.9g} s "
-            f"after {time_s[wrong[0]]:.9g} s; drop repeated rows"
+            f"{table.place(int(whole[after]))}: t does not increase, {time_s[after]:.9g} s after "
+            f"{time_s[before]:.9g} s; drop repeated rows"
         )
     return time_s, values[whole, 1:]

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 TIME, SEGMENT = "t", "segment"
-CONTRACT = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
+STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
 USUAL = {
     "t": ("t", "time", "timestamp", "stamp", "sec", "seconds", "zeit"),
     "q": ("q", "pos", "position", "angle", "theta", "phi", "x", "y", "disp", "displacement", "qpos"),
@@ -73,21 +73,21 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
     """
     found = list(table.columns)
     for name, own in columns.items():
-        if not _is_contract(name):
-            raise ValueError(f"diagnose.columns names {name!r}; only {CONTRACT} are known")
-        if own not in table.columns:
+        if not _is_standard(name):
+            raise ValueError(f"diagnose.columns names {name!r}; only {STANDARD} are known")
+        if own not in found:
             near = difflib.get_close_matches(own, found, n=1, cutoff=0.0)
             raise ValueError(
                 f"{table.source}: no column {own!r} for {name}, only {found}; did you mean {near[0]!r}?"
             )
     taken = set(columns.values())
-    named = {name: table.columns[name] for name in found if _is_contract(name) and name not in taken}
+    named = {name: table.columns[name] for name in found if _is_standard(name) and name not in taken}
     named |= {name: table.columns[own] for name, own in columns.items()}
     missing = [name for name in needed if name not in named]
     if missing:
         raise ValueError(
             f"{table.source}: no column {' and no '.join(missing)}; the columns are {found}, and "
-            f"{CONTRACT} are needed. {_proposal(found)}"
+            f"{STANDARD} are needed. {_proposal(found)}"
         )
     left = [name for name in found if name not in named and name not in taken]
     if left:
@@ -106,18 +106,16 @@ def count_names(table: Table, letter: str) -> tuple[str, ...]:
         ValueError: a number is skipped, or only some coordinates have rates.
     """
     numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}[0-9]+", name))
-    wanted = set(range(len(numbers)))
-    if letter == "v" and numbers:
-        wanted = set(range(len(count_names(table, "q"))))
-    if set(numbers) != wanted:
+    n = len(count_names(table, "q")) if letter == "v" and numbers else len(numbers)
+    if numbers != list(range(n)):
         have = [f"{letter}{number}" for number in numbers]
-        lack = [f"{letter}{number}" for number in sorted(wanted - set(numbers))]
-        remedy = f"{lack} are missing" if lack else f"only {len(wanted)} coordinates have a rate"
+        lack = [f"{letter}{number}" for number in range(n) if number not in numbers]
+        remedy = f"{lack} are missing" if lack else f"only {n} coordinates have a rate"
         raise ValueError(f"{table.source}: columns {have}, but {remedy}; count from {letter}0 without holes")
     return tuple(f"{letter}{number}" for number in numbers)
 
 
-def _is_contract(name: str) -> bool:
+def _is_standard(name: str) -> bool:
     return name in (TIME, SEGMENT) or re.fullmatch("[quv](0|[1-9][0-9]*)", name) is not None
 
 
@@ -141,10 +139,9 @@ def _kind_of(name: str) -> str | None:
     for kind, usual in USUAL.items():
         if words and (words[0] in usual or words[-1] in usual):
             return kind
-    near = difflib.get_close_matches(
-        "".join(words), [word for usual in USUAL.values() for word in usual], n=1
-    )
-    return next((kind for kind, usual in USUAL.items() if near and near[0] in usual), None)
+    kinds = {word: kind for kind, usual in USUAL.items() for word in usual}
+    near = difflib.get_close_matches("".join(words), kinds, n=1)
+    return kinds[near[0]] if near else None
 
 
 SEPARATORS = ",;\t"
@@ -165,9 +162,12 @@ def read_table(path: Path) -> Table:
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"{path}: {kind or 'a file without suffix'} is no table; give one of {KINDS}")
-    table = (
-        _from_archive(path) if kind == ".npz" else _from_parquet(path) if kind[1] == "p" else _from_text(path)
-    )
+    if kind == ".npz":
+        table = _from_archive(path)
+    elif kind in (".parquet", ".pq"):
+        table = _from_parquet(path)
+    else:
+        table = _from_text(path)
     if not len(table.lines):
         raise ValueError(f"{path}: no row of numbers below the header {list(table.columns)}; check the file")
     return table
@@ -179,8 +179,8 @@ def _from_text(path: Path) -> Table:
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a text in UTF-8 ({error}); save the table as CSV in UTF-8") from error
     every = [(number, line.strip(" \r")) for number, line in enumerate(text.split("\n"), 1)]
-    lines = [(number, line.partition("#")[0].rstrip(" ")) for number, line in every]
-    lines = [(number, line) for number, line in lines if line.strip()]
+    uncommented = [(number, line.partition("#")[0].rstrip(" ")) for number, line in every]
+    lines = [(number, line) for number, line in uncommented if line.strip()]
     if not lines:
         raise ValueError(f"{path}: empty; the first line names the columns: t,q0,q1,...")
     separator = max(SEPARATORS, key=lines[0][1].count)
@@ -205,8 +205,9 @@ def _from_text(path: Path) -> Table:
             )
     body = "\n".join(line for _, line in lines[1:])
     decimal = "," if separator == ";" and re.search(r"\d,\d", body) else "."
-    frame = (
-        pd.read_csv(
+    frame = pd.DataFrame(columns=header, dtype=float)
+    if body:
+        frame = pd.read_csv(
             io.StringIO(body),
             sep=separator,
             names=header,
@@ -215,9 +216,6 @@ def _from_text(path: Path) -> Table:
             index_col=False,
             low_memory=False,
         )
-        if body
-        else pd.DataFrame({name: [] for name in header})
-    )
     return Table(path.name, _plain(frame), np.array([number for number, _ in lines[1:]]), row="line")
 
 
