@@ -73,33 +73,37 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
 def load_artifact(
     path: StrPath, *, kind: str | None = None, schema: int | None = None, mapped: Collection[str] = ()
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Load the tensors and the header of the artifact at ``path``.
+    """Load the tensors and the header of the artifact at ``path``; ``kind`` and ``schema`` as `read_header`.
 
-    Args:
-        path: The file.
-        kind, schema: If given, must match the header.
-        mapped: Tensors to return as read-only memory maps, free until indexed; others are copies.
+    The tensors named in ``mapped`` are read-only memory maps, free until indexed; the others are copies.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
         ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor.
     """
     header = read_header(path, kind=kind, schema=schema)
-    layout, data_start = _layout(path)
+    # The library's NumPy interface returns copies, so for memory maps the table of offsets is read here:
+    # eight bytes of length, little-endian, then that many bytes of JSON. `read_header` has checked it.
+    with open(path, "rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        layout = json.loads(file.read(length))
+    layout.pop("__metadata__", None)
     missing = sorted(set(mapped) - set(layout))
     if missing:
         raise ValueError(
             f"{path}: no tensor {missing[0]!r}, only {sorted(layout)}; the file was made by other code"
         )
-    arrays = {}
-    for name, entry in layout.items():
-        view = _view(path, entry, data_start)
-        arrays[name] = view if name in mapped else np.array(view)
-    return arrays, header
+    views = {name: _view(path, entry, 8 + length) for name, entry in layout.items()}
+    return {name: view if name in mapped else np.array(view) for name, view in views.items()}, header
 
 
 def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = None) -> dict[str, Any]:
-    """Read only the header of the artifact at ``path``; checks and errors as in `load_artifact`."""
+    """Read only the header of the artifact at ``path``; it must have this ``kind`` and ``schema``, if given.
+
+    Raises:
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: the file is truncated, foreign, or of another kind or schema.
+    """
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; make it first, or check the path")
     try:
@@ -120,11 +124,6 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
         raise ValueError(
             f"{path}: its {KEY!r} header is not JSON ({error}); delete the file and run again"
         ) from error
-    _check_header(path, header, kind=kind, schema=schema)
-    return header
-
-
-def _check_header(path: StrPath, header: Any, *, kind: str | None, schema: int | None) -> None:
     if not isinstance(header, dict) or not isinstance(header.get("kind"), str):
         raise ValueError(f"{path}: its {KEY!r} header names no kind; the file was made by other code")
     if kind is not None and header["kind"] != kind:
@@ -136,17 +135,7 @@ def _check_header(path: StrPath, header: Any, *, kind: str | None, schema: int |
             f"{path}: {header['kind']!r} of schema {header.get('schema')}, but this version reads schema "
             f"{schema}; make the file again, or use the version that made it"
         )
-
-
-def _layout(path: StrPath) -> tuple[dict[str, dict[str, Any]], int]:
-    # The library's NumPy interface returns copies, so for memory maps the table of offsets is read
-    # here: eight bytes of length, little-endian, then that many bytes of JSON. `read_header` has checked it
-    # by then.
-    with open(path, "rb") as file:
-        length = int.from_bytes(file.read(8), "little")
-        table = json.loads(file.read(length))
-    table.pop("__metadata__", None)
-    return table, 8 + length
+    return header
 
 
 def _view(path: StrPath, entry: Mapping[str, Any], data_start: int) -> np.ndarray:
@@ -180,10 +169,9 @@ def _header_text(path: StrPath, header: Mapping[str, Any]) -> str:
             f"{path}: the header has kind = {header.get('kind')!r} and schema = {header.get('schema')!r}; "
             "give kind as text and schema as an integer"
         )
+    stamped = {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}
     try:
-        return json.dumps(
-            {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}, default=_plain
-        )
+        return json.dumps(stamped, default=_plain)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"

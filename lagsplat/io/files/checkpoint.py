@@ -1,7 +1,7 @@
 """Training state on disk, and weights that other programs saved with torch.
 
-A checkpoint is not an artifact. It belongs to one run, carries the run's identity (a digest of what
-determines its result) and is deleted when the run ends. A resumed run continues exactly as if uninterrupted.
+A checkpoint belongs to one run, carries the run's identity (a digest of what determines its result) and is
+deleted when the run ends. A resumed run continues exactly as if uninterrupted.
 """
 
 import logging
@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
+
+from lagsplat.io.files.atomic import replace_atomically
 
 log = logging.getLogger(__name__)
 
@@ -29,11 +31,8 @@ def save_training_state(
     identity: str,
 ) -> None:
     """Write the state of a training run at the last point of its curve."""
-    state = {
-        "model": model.state_dict(),
-        "optimizer": optimizer.state_dict(),
-        "curve": [tuple(point) for point in curve],
-    }
+    points = [tuple(point) for point in curve]
+    state = {"model": model.state_dict(), "optimizer": optimizer.state_dict(), "curve": points}
     save_checkpoint(path, state, identity=identity)
 
 
@@ -61,13 +60,8 @@ def load_training_state(
 
 def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None:
     """Write ``state`` atomically: a kill leaves either the old checkpoint or the new one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
+    with replace_atomically(path) as temporary, temporary.open("wb") as file:
         torch.save({"identity": identity, "state": state}, file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
 
 
 def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
@@ -98,16 +92,10 @@ def load_weights(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; check the path")
+    damage = (pickle.UnpicklingError, RuntimeError, EOFError, zipfile.BadZipFile, ValueError, KeyError)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-    except (
-        pickle.UnpicklingError,
-        RuntimeError,
-        EOFError,
-        zipfile.BadZipFile,
-        ValueError,
-        KeyError,
-    ) as error:
+    except damage as error:
         reason = str(error).splitlines()[0]
         raise ValueError(
             f"{path}: not a list of weights that can be read without running code in it ({reason}); fetch it "
@@ -115,7 +103,6 @@ def load_weights(path: str | os.PathLike[str]) -> dict[str, Any]:
         ) from error
     if not isinstance(content, dict):
         raise ValueError(
-            f"{path}: holds a {type(content).__name__}, but a dictionary of weights is wanted; check which "
-            "file was given"
+            f"{path}: holds a {type(content).__name__}, no dictionary of weights; check which file was given"
         )
     return content

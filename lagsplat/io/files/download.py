@@ -5,15 +5,13 @@ Only a complete file gets the final name.
 """
 
 import fcntl
-import hashlib
 import os
 import re
 import shutil
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
@@ -23,7 +21,10 @@ from tqdm import tqdm
 from lagsplat.io.config import ArchiveConfig
 from lagsplat.io.files.atomic import replace_atomically, sha256_of
 
-COPY_BYTES = 2**20
+CHUNK_BYTES = 2**16
+ATTEMPTS = 6
+TIMEOUT_S = 30.0
+WORTH_RETRYING = (408, 425, 429)  # HTTP errors that mean "try again later"
 
 
 def fetch_member(archive: ArchiveConfig, member: str) -> Path:
@@ -41,34 +42,26 @@ def fetch_member(archive: ArchiveConfig, member: str) -> Path:
         raise ValueError(
             f"recording.member is {member!r}; archive.member_sha256 knows {sorted(archive.member_sha256)}"
         )
-    folder = Path(archive.folder).expanduser()
+    folder, expected = Path(archive.folder).expanduser(), archive.member_sha256[member]
     folder.mkdir(parents=True, exist_ok=True)
-    expected = archive.member_sha256[member]
     target = folder / PurePosixPath(member).name
-    with _alone_in(folder):
-        if target.exists():
-            _check_extracted(target, expected)
-            return target
-        source = folder / PurePosixPath(urlsplit(archive.url).path).name
-        download(archive.url, source, sha256=archive.archive_sha256)
-        _extract(source, member, target, expected)
-    return target
-
-
-@contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
     # Two jobs of a workflow may need members of the same archive at the same time.
     with open(folder / ".lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
+        if target.exists():
+            _check_existing(target, expected)
+        else:
+            source = folder / PurePosixPath(urlsplit(archive.url).path).name
+            download(archive.url, source, sha256=archive.archive_sha256)
+            _extract(source, member, target, expected)
+    return target
 
 
-def _check_extracted(target: Path, expected: str) -> None:
-    found = sha256_of(target)
-    if found != expected:
+def _check_existing(path: Path, expected: str | None) -> None:
+    if expected is not None and (found := sha256_of(path)) != expected:
         raise FileExistsError(
-            f"{target}: SHA-256 is {found}, expected {expected}. It is left as it is; delete it and "
-            "run again, or name it with recording.path if it is meant to differ"
+            f"{path}: SHA-256 is {found}, expected {expected}. It is left as it is; move it away or "
+            "delete it and run again, or name it with recording.path if it is meant to differ"
         )
 
 
@@ -79,33 +72,25 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
                 raise ValueError(
                     f"{source}: no member {member!r}, only {archive.namelist()[:20]}; check recording.archive"
                 )
-            _check_space(target, archive.getinfo(member).file_size)
-            with archive.open(member) as stream, replace_atomically(target) as temporary:
-                digest = hashlib.sha256()
-                with open(temporary, "wb") as file:
-                    while block := stream.read(COPY_BYTES):
-                        file.write(block)
-                        digest.update(block)
-                if digest.hexdigest() != expected:
+            _require_space(target, archive.getinfo(member).file_size)
+            with replace_atomically(target) as temporary:
+                with archive.open(member) as stream, open(temporary, "wb") as file:
+                    shutil.copyfileobj(stream, file)
+                if (found := sha256_of(temporary)) != expected:
                     raise ValueError(
-                        f"{source}: SHA-256 of member {member!r} is {digest.hexdigest()}, "
-                        f"expected {expected}. Delete the archive and run again; if it recurs, "
-                        "the publisher has changed it"
+                        f"{source}: SHA-256 of member {member!r} is {found}, expected {expected}. Delete the "
+                        "archive and run again; if it recurs, the publisher has changed it"
                     )
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise ValueError(f"{source}: damaged ({error}); delete it and run again") from error
 
 
-def _check_space(target: Path, needed: int) -> None:
-    free = shutil.disk_usage(os.path.dirname(target)).free
+def _require_space(path: Path, needed: int) -> None:
+    free = shutil.disk_usage(path.parent).free
     if needed > free:
-        raise OSError(f"{target}: needs {needed} bytes, but the disk has {free} free; make room")
-
-
-CHUNK_BYTES = 2**16
-ATTEMPTS = 6
-TIMEOUT_S = 30.0
-WORTH_RETRYING = (408, 425, 429)  # HTTP errors that mean "try again later"
+        raise OSError(
+            f"{path}: needs {needed} bytes, but the disk has {free} free; make room, or choose another folder"
+        )
 
 
 def download(
@@ -117,15 +102,9 @@ def download(
 ) -> Path:
     """Download ``url`` to ``path``, resuming an earlier call, and check it; return ``path``.
 
-    A file already at ``path`` is never changed: it is returned if ``sha256`` matches or is None. A lost
-    connection is retried after 1, 2, 4, ... seconds; any progress resets the count. If the server cannot
-    resume, the download restarts.
-
-    Args:
-        url: What to download.
-        path: Where to put it.
-        sha256: Expected digest; None checks only the length.
-        wait: Called with the seconds between attempts.
+    A file already at ``path`` is never changed: it is returned if ``sha256`` matches or is None, which checks
+    only the length. A lost connection is retried after 1, 2, 4, ... seconds, as ``wait`` does; any progress
+    resets the count. If the server cannot resume, the download restarts.
 
     Raises:
         ValueError: the SHA-256 differs; the content is removed, because resuming would not help.
@@ -135,11 +114,12 @@ def download(
     """
     path = Path(path)
     if path.exists():
-        return _accept_existing(path, sha256)
+        _check_existing(path, sha256)
+        return path
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    found = _fetch_patiently(url, part, wait=wait)
-    if sha256 is not None and found != sha256:
+    _fetch_patiently(url, part, wait=wait)
+    if sha256 is not None and (found := sha256_of(part)) != sha256:
         part.unlink()
         raise ValueError(
             f"{path}: SHA-256 of {url} is {found}, expected {sha256}. What came is damaged and was removed; "
@@ -149,20 +129,12 @@ def download(
     return path
 
 
-def _accept_existing(path: Path, sha256: str | None) -> Path:
-    if sha256 is not None and (found := sha256_of(path)) != sha256:
-        raise FileExistsError(
-            f"{path}: already there with SHA-256 {found}, expected {sha256}. It is left as it is; "
-            "move it away and run again"
-        )
-    return path
-
-
-def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -> str:
+def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -> None:
     failures, reached = 0, _size(part)
     while True:
         try:
-            return _fetch_rest(url, part)
+            _fetch_rest(url, part)
+            return
         except (requests.RequestException, EOFError) as error:
             failures = 1 if _size(part) > reached else failures + 1
             # The largest size so far; otherwise a server that restarts each time would loop for ever.
@@ -183,8 +155,8 @@ def _may_pass(error: Exception) -> bool:
     return isinstance(error, broken)
 
 
-def _fetch_rest(url: str, part: Path) -> str:
-    """Append to ``part`` the rest of ``url``; return the SHA-256 of the whole."""
+def _fetch_rest(url: str, part: Path) -> None:
+    """Append to ``part`` the rest of ``url``."""
     start = _size(part)
     # With compressed transfer, byte positions would not match the file.
     headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
@@ -192,33 +164,23 @@ def _fetch_rest(url: str, part: Path) -> str:
         begin, total = _range(response)
         if response.status_code == requests.codes.requested_range_not_satisfiable:
             if total == start:
-                return sha256_of(part)
+                return
             part.unlink()
             raise EOFError(f"the part had {start} bytes, but the file has {total}; starting again")
         response.raise_for_status()
         if begin not in (0, start):
             raise EOFError(f"asked for content from byte {start}, got it from byte {begin}")
-        _check_room(part, total, begin)
-        return _append(response, part, begin=begin, total=total)
-
-
-def _append(response: requests.Response, part: Path, *, begin: int, total: int | None) -> str:
-    digest = hashlib.sha256()
-    with open(part, "r+b" if begin else "wb") as file:
-        while begin and (block := file.read(CHUNK_BYTES)):
-            digest.update(block)
+        _require_space(part, (total or 0) - begin)
         # disable=None: no bar outside a terminal, as in a log file.
-        with tqdm(total=total, initial=begin, unit="B", unit_scale=True, desc=part.stem, disable=None) as bar:
+        bar = tqdm(total=total, initial=begin, unit="B", unit_scale=True, desc=part.stem, disable=None)
+        with bar, open(part, "ab" if begin else "wb") as file:
             for chunk in response.iter_content(CHUNK_BYTES):
                 file.write(chunk)
-                digest.update(chunk)
                 bar.update(len(chunk))
-        file.flush()
-        os.fsync(file.fileno())
-        size = file.tell()
-    if total is not None and size != total:
-        raise EOFError(f"{size} of {total} bytes came")
-    return digest.hexdigest()
+            file.flush()
+            os.fsync(file.fileno())
+    if total is not None and _size(part) != total:
+        raise EOFError(f"{_size(part)} of {total} bytes came")
 
 
 def _range(response: requests.Response) -> tuple[int, int | None]:
@@ -229,15 +191,6 @@ def _range(response: requests.Response) -> tuple[int, int | None]:
         return int(begin or 0), None if total == "*" else int(total)
     length = response.headers.get("Content-Length")
     return 0, int(length) if length and response.ok else None
-
-
-def _check_room(part: Path, total: int | None, begin: int) -> None:
-    free = shutil.disk_usage(part.parent).free
-    if total is not None and total - begin > free:
-        raise OSError(
-            f"{part}: {total - begin} bytes are to come, but the disk has {free} free; make room, or choose "
-            "another folder"
-        )
 
 
 def _size(path: Path) -> int:

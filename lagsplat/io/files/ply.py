@@ -131,8 +131,8 @@ def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> Ply
     vertex = elements.get("vertex")
     names = () if vertex is None else vertex.dtype.names or ()
     if vertex is None or (missing := [name for name in FIELDS if name not in names]):
-        told = "vertex" if vertex is None else f"properties {missing}"
-        raise ValueError(f"{path}: not Gaussians: no {told}, only {list(names) or list(elements)}")
+        lacking = "vertex" if vertex is None else f"properties {missing}"
+        raise ValueError(f"{path}: not Gaussians: no {lacking}, only {list(names) or list(elements)}")
     table = np.stack([vertex[name].astype(np.float64) for name in FIELDS], axis=1)
     logit = np.clip(table[:, 6], -700, 700)  # an opacity of exactly 0 or 1 is stored as infinity
     return PlyCloud(

@@ -153,6 +153,6 @@ def test_file_of_the_user_is_never_overwritten(site: Any, target: Path) -> None:
 
 def test_room_is_checked_first(site: Any, target: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.shutil, "disk_usage", lambda folder: SimpleNamespace(free=1000))
-    with pytest.raises(OSError, match="1000003 bytes are to come, but the disk has 1000 free"):
+    with pytest.raises(OSError, match="needs 1000003 bytes, but the disk has 1000 free"):
         download(site.url, target, sha256=None, wait=stop)
     assert not part(target).exists()
