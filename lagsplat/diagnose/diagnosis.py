@@ -14,6 +14,7 @@ from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudg
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.plausibility import assess_implausibility
 from lagsplat.diagnose.inference.posterior import (
+    GapMeasure,
     Judgement,
     combine_effects,
     compute_motionless_misfit,
@@ -63,7 +64,7 @@ def diagnose(
     candidates = place_effects(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
-    budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit), log_evidence_offset=log_evidence_offset)
+    budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
     problem, budget, ranking, chain = _search(problem, candidates, budget, config, report_progress)
     judgement = _judge(problem, ranking, chain, budget, config)
     best = judgement.best
@@ -125,9 +126,7 @@ def _judge(
     return judge_hypotheses(
         ranking,
         chain,
-        problem.degrees_of_freedom,
-        budget.nominal,
-        config,
+        GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
         most=compute_motionless_misfit(problem),
         doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
     )

@@ -244,6 +244,16 @@ class PlacedEffect:
     """Where it acts at several places at once: each of them, in the order of the parameters."""
 
     @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.effect.parameters)
+
+    @property
+    def changes_motion(self) -> bool:
+        """Whether a rollout shows it; single samples that an effect moves are in no rollout."""
+        return not isinstance(self.effect, SampleEffect)
+
+    @property
     def label(self) -> str:
         """For people: the effect and its location."""
         everywhere = "everywhere" if self.parts else None

@@ -16,7 +16,6 @@ from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.dataset import WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
-    ShootingData,
     differentiate_predictions,
     fit_multiple_shooting,
 )
@@ -36,23 +35,22 @@ def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, Window
     """Split into the problem on every other window and the windows in between, which are held out."""
     number = np.arange(len(problem.windows.first))
     kept = problem.windows.select(number % 2 == 0)
-    held = problem.windows.select(number % 2 == 1)
-    return replace(problem, windows=kept), held
+    return replace(problem, windows=kept), problem.windows.select(number % 2 == 1)
 
 
-def cut_blocks(problem: EstimationProblem, held: WindowSet, *, period_s: float) -> WindowSet:
+def cut_blocks(problem: EstimationProblem, held_out: WindowSet, *, period_s: float) -> WindowSet:
     """Cut held-out windows into blocks of one natural period, or of a window where windows are shorter.
 
     Raises:
         ValueError: no window is as long as `HOLDOUT.min_period_share` of a period.
     """
     frames = max(HOLDOUT.min_block_samples, round(period_s / problem.rollout_model.dataset.dt_s) + 1)
-    longest = int(held.length.max(initial=0))
+    longest = int(held_out.length.max(initial=0))
     if HOLDOUT.min_period_share * frames <= longest < frames:
         frames = longest
     first = [
         start + k * (frames - 1)
-        for start, length in zip(held.first, held.length, strict=True)
+        for start, length in zip(held_out.first, held_out.length, strict=True)
         for k in range((length - 1) // (frames - 1))
     ]
     if not first:
@@ -67,21 +65,20 @@ def forecast_blocks(
     problem: EstimationProblem, blocks: WindowSet, effects: Sequence[PlacedEffect], x: np.ndarray
 ) -> Forecast:
     """Forecast ``blocks`` with the parameters ``x`` of ``effects`` and of the nuisance model."""
-    real = [e for e in effects if not isinstance(e.effect, SampleEffect)]
-    held_problem = replace(problem, windows=blocks)
+    moving = [placed for placed in effects if placed.changes_motion]
+    problem = replace(problem, windows=blocks)
+    roll_out, data, no_parameters = problem.predict(moving), problem.data, np.zeros(0)
 
     def predict(_: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        return held_problem.predict(real)(np.repeat(x[None], len(starts), axis=0), starts)
+        return roll_out(np.repeat(x[None], len(starts), axis=0), starts)
 
-    seen_so_far = (held_problem.data.weight > 0.0).any(axis=2).cumsum(axis=1)
-    early = held_problem.data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
-    data = ShootingData(held_problem.data.y, early, held_problem.data.start_step)
-    no_prior = GaussianPrior(*(np.zeros(0) for _ in range(4)))
-    fit = fit_multiple_shooting(
-        predict, np.zeros(0), held_problem.initial_states, data, no_prior, iterations=8, tolerance=1e-6
-    )
+    seen_so_far = (data.weight > 0.0).any(axis=2).cumsum(axis=1)
+    early = data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
+    no_prior = GaussianPrior(*[no_parameters] * 4)
+    starts, first = problem.initial_states, replace(data, weight=early)
+    fit = fit_multiple_shooting(predict, no_parameters, starts, first, no_prior, iterations=8, tolerance=1e-6)
     flat = replace(data, weight=np.ones_like(early))
-    residual, _, slopes = differentiate_predictions(predict, np.zeros(0), fit.starts, flat, np.zeros(0))
+    residual, _, slopes = differentiate_predictions(predict, no_parameters, fit.starts, flat, no_parameters)
     n_blocks, length, d = early.shape
     slopes = slopes.reshape(n_blocks, length * d, -1)
     is_seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]
@@ -108,19 +105,13 @@ def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray,
     return int((~(np.abs(error / rms) <= HOLDOUT.diverged_error)).any(axis=(1, 2)).sum())
 
 
-def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray, *, seed: int = 0) -> Interval:
+def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> Interval:
     """Share of the gap above the noise floor that is closed, with a 95 % bootstrap interval over blocks.
 
-    None where the gap is less than two standard errors above the floor.
-
-    Args:
-        before: mean square of each block without effects.
-        after: mean square of each block with effects.
-        floor: expected mean square of each block if the model is true.
-        seed: of the bootstrap.
+    None where the gap is less than two standard errors above the floor. The arguments are mean squares of
+    each block: without effects, with effects, and as expected if the model is true.
     """
-    rng = np.random.default_rng(seed)
-    draws = rng.integers(0, len(before), (2000, len(before)))
+    draws = np.random.default_rng(0).integers(0, len(before), (2000, len(before)))
 
     def share(rows: np.ndarray) -> np.ndarray:
         b, a, f = (np.sqrt(np.mean(values[rows], axis=-1)) for values in (before, after, floor))
@@ -164,23 +155,18 @@ def forecast_holdout(
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
-    half, held = split_windows(problem)
-    blocks = cut_blocks(problem, held, period_s=period_s)
+    half, held_out = split_windows(problem)
+    blocks = cut_blocks(problem, held_out, period_s=period_s)
     record = problem.rollout_model.dataset
-    rms = np.std(record.q, axis=0)
-    real = blocks.take(record.q)
-    n = problem.rollout_model.nuisance.size
+    rms, real = np.std(record.q, axis=0), blocks.take(record.q)
     original = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
-    sim = forecast_blocks(original, blocks, (), np.zeros(n))
+    sim = forecast_blocks(original, blocks, (), np.zeros(problem.rollout_model.nuisance.size))
     refit = forecast_blocks(problem, blocks, (), fit_half(half, none))
     after = forecast_blocks(problem, blocks, chosen.effects, fit_half(half, chosen))
     errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
-    if problem.repeated_samples is not None and any(
-        isinstance(e.effect, SampleEffect) and e.effect.repeats for e in chosen.effects
-    ):
-        errors["after"][blocks.take(problem.repeated_samples)] = (
-            0.0  # what repeats an earlier sample is explained
-        )
+    if any(isinstance(placed.effect, SampleEffect) and placed.effect.repeats for placed in chosen.effects):
+        # what repeats an earlier sample is explained
+        errors["after"][blocks.take(problem.repeated_samples)] = 0.0
     squares = {name: compute_relative_square_error(error, rms) for name, error in errors.items()}
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
@@ -190,40 +176,25 @@ def forecast_holdout(
         blocks=len(real),
         diverged={name: count_diverged(error, rms) for name, error in errors.items()},
     )
-    shown = _result_blocks(problem, blocks, real, sim.y, after.y)
-    return HoldoutForecasts(gap, shown, squares["before"], squares["floor"])
+    rows = []
+    for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
+        number = record.file_of[int(np.searchsorted(record.clips[:, 1], start, side="right"))]
+        time_s = record.time[start : start + length] + record.shifts_s[number]
+        rows.append(Block(record.files[number], i, time_s, real[i], sim.y[i], after.y[i]))
+    return HoldoutForecasts(gap, tuple(rows), squares["before"], squares["floor"])
 
 
 def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
     """Parameters of a hypothesis, fitted to the half of the windows that is not held out."""
-    effects = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
-    return half.fit(effects, hypothesis.fit.x).x
+    return half.fit(hypothesis.fitted, hypothesis.fit.x).x
 
 
 def estimate_single_closure(
-    problem: EstimationProblem, hypothesis: HypothesisFit, held: HoldoutForecasts, *, period_s: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, holdout: HoldoutForecasts, *, period_s: float
 ) -> Interval:
     """Closure of another hypothesis on the same blocks."""
-    half, windows = split_windows(problem)
-    blocks = cut_blocks(problem, windows, period_s=period_s)
-    rms = np.std(problem.rollout_model.dataset.q, axis=0)
+    half, held_out = split_windows(problem)
+    blocks, q = cut_blocks(problem, held_out, period_s=period_s), problem.rollout_model.dataset.q
     forecast = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
-    return estimate_closure(
-        held.before,
-        compute_relative_square_error(forecast.y - blocks.take(problem.rollout_model.dataset.q), rms),
-        held.floor,
-    )
-
-
-def _result_blocks(
-    problem: EstimationProblem, blocks: WindowSet, real: np.ndarray, sim: np.ndarray, augmented: np.ndarray
-) -> tuple[Block, ...]:
-    record = problem.rollout_model.dataset
-    out = []
-    for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
-        clip = int(np.searchsorted(record.clips[:, 1], start, side="right"))
-        number = record.file_of[clip]
-        cut = slice(0, length)
-        time = record.time[start : start + length] + record.shifts_s[number]
-        out.append(Block(record.files[number], i, time, real[i, cut], sim[i, cut], augmented[i, cut]))
-    return tuple(out)
+    after = compute_relative_square_error(forecast.y - blocks.take(q), np.std(q, axis=0))
+    return estimate_closure(holdout.before, after, holdout.floor)

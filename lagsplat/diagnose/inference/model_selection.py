@@ -19,30 +19,10 @@ ProgressCallback = Callable[[str], None]
 class SearchBudget:
     """How many hypotheses are fitted in full, and what their evidence is measured against."""
 
-    families: int  # effects that are fitted [count]
-    places: int  # coordinates or inputs at which each is fitted [count]
-    starts: int  # starting points of each fit [count]
-    always_fitted: tuple[str, ...]  # effects that are fitted whatever the score test says
-    effective_sample_ratio: float
-    """Samples of the residual that count as one independent sample, at least [1]."""
+    settings: DiagnoseConfig  # what is fitted, and the effective sample ratio after noise inflation
     nominal: float  # mean square residual of the sim on its own recordings [noise variances]
     log_evidence_offset: float = 0.0
     """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
-
-    @classmethod
-    def of(
-        cls, config: DiagnoseConfig, *, nominal: float, log_evidence_offset: float = 0.0
-    ) -> "SearchBudget":
-        """The budget that the settings give."""
-        return cls(
-            config.families,
-            config.places,
-            config.starts,
-            tuple(config.always_fitted),
-            config.effective_sample_ratio,
-            nominal,
-            log_evidence_offset,
-        )
 
 
 @dataclass(frozen=True)
@@ -75,38 +55,32 @@ def rank_hypotheses(
     base = known or refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
     beginnings = [base.fit]
     if known is None:
-        frozen = replace(
-            problem,
-            rollout_model=replace(problem.rollout_model, nuisance=problem.rollout_model.nuisance.freeze()),
-        )
-        unmoved = frozen.fit((), np.zeros(n))
+        unmoved = problem.with_nuisance(problem.rollout_model.nuisance.freeze()).fit((), np.zeros(n))
         if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
-    by_family: dict[str, list[tuple[ScoreTestResult, HypothesisFit]]] = {}
-    orders = []
+    settings, orders = budget.settings, []
+    by_family: dict[str, list[tuple[ScoreTestResult, ShootingFit]]] = {}
     for fit in beginnings:
         scores = score_test(problem, base.effects, fit, candidates)
         order = list(dict.fromkeys(score.placed.effect.name for score in scores))
-        orders.append(order[: budget.families])
+        orders.append(order[: settings.families])
         for score in scores:
             family = by_family.setdefault(score.placed.effect.name, [])
             is_new = all(previous.placed is not score.placed for previous, _ in family)
-            if is_new and len(family) < budget.places * 2:
-                family.append((score, HypothesisFit(base.effects, fit)))
+            if is_new and len(family) < settings.places * 2:
+                family.append((score, fit))
     names = [name for row in zip(*orders, strict=False) for name in row]
     names += [name for order in orders for name in order]
-    names += [name for name in budget.always_fitted if name in by_family]
+    names += [name for name in settings.always_fitted if name in by_family]
     found = []
     for name in dict.fromkeys(names):
         report_progress(name)
-        family = sorted(by_family[name], key=lambda pair: -pair[0].gain)[: budget.places]
-        for score, start in family:
-            found.append(fit_candidate(problem, base.effects, start.fit, score, starts=budget.starts))
+        for score, fit in sorted(by_family[name], key=lambda pair: -pair[0].gain)[: settings.places]:
+            found.append(fit_candidate(problem, base.effects, fit, score, starts=settings.starts))
     found.sort(key=lambda hypothesis: hypothesis.fit.cost)
-    found[: SELECTION.refined_fits] = [
-        refine_fit(problem, hypothesis) for hypothesis in found[: SELECTION.refined_fits]
-    ]
-    return rank_by_evidence(problem, base, found, candidates, budget, first=known is None)
+    n = SELECTION.refined_fits
+    found[:n] = [refine_fit(problem, hypothesis) for hypothesis in found[:n]]
+    return rank_by_evidence(problem, base, found, candidates, budget)
 
 
 def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
@@ -116,14 +90,9 @@ def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> Hypothe
         iterations=SELECTION.refined_iterations * problem.iterations,
         tolerance=SELECTION.refined_tolerance * problem.tolerance,
     )
-    near = (
-        (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
-        if hypothesis.effects
-        else None
-    )
-    return replace(
-        hypothesis, fit=longer.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts, near)
-    )
+    near = hypothesis.nearby_slopes if hypothesis.effects else None
+    fit = longer.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts, near)
+    return replace(hypothesis, fit=fit)
 
 
 def rank_by_evidence(
@@ -132,47 +101,27 @@ def rank_by_evidence(
     found: Sequence[HypothesisFit],
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
-    *,
-    first: bool,
 ) -> ModelRanking:
-    """Rank fits by their log evidence over the base, all under one noise inflation.
+    """Rank fits by their log evidence over the base, the fit without the new effects.
 
-    The noise is inflated until the best fit agrees with it.
-
-    Args:
-        problem: data, sim and noise.
-        base: the fit without the new effects.
-        found: fits with them.
-        candidates: effects at their places; those on single samples are judged by the residual of the base.
-        budget: nominal misfit, effective sample ratio and evidence offset.
-        first: whether the base has no effects.
+    The noise of all is inflated until the best fit agrees with it. Beside a base without effects, those
+    ``candidates`` that act on single samples are judged as well, by its residual, and the evidence that
+    effects gain by the sim's own errors is subtracted.
     """
-    least = min([hypothesis.fit.misfit for hypothesis in found] + [base.fit.misfit])
-    noisy = _explain_by_sample_noise(problem, base, candidates) if first else []
+    ratio = budget.settings.effective_sample_ratio
+    noisy = [] if base.effects else _explain_by_sample_noise(problem, base, candidates)
+    offset = 0.0 if base.effects else budget.log_evidence_offset
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
-    noise_inflation = (
-        max(budget.nominal, min(least, explained) / problem.degrees_of_freedom)
-        * budget.effective_sample_ratio
-    )
-    floor = compute_log_evidence(base, problem.rollout_model, noise_inflation) + (
-        budget.log_evidence_offset if first else 0.0
-    )
-    rows = [
-        replace(
-            hypothesis,
-            log_evidence=compute_log_evidence(hypothesis, problem.rollout_model, noise_inflation) - floor,
-        )
-        for hypothesis in found
-    ]
-    rows += [
-        replace(
-            hypothesis,
-            log_evidence=gain / budget.effective_sample_ratio
-            - SELECTION.sample_noise_penalty
-            - budget.log_evidence_offset,
-        )
-        for gain, hypothesis in noisy
-    ]
+    least = min([*(hypothesis.fit.misfit for hypothesis in found), base.fit.misfit, explained])
+    noise_inflation = max(budget.nominal, least / problem.degrees_of_freedom) * ratio
+    floor = compute_log_evidence(base, problem.rollout_model, noise_inflation) + offset
+    rows = []
+    for hypothesis in found:
+        log_evidence = compute_log_evidence(hypothesis, problem.rollout_model, noise_inflation) - floor
+        rows.append(replace(hypothesis, log_evidence=log_evidence))
+    for gain, hypothesis in noisy:
+        log_evidence = gain / ratio - SELECTION.sample_noise_penalty - budget.log_evidence_offset
+        rows.append(replace(hypothesis, log_evidence=log_evidence))
     rows.sort(key=lambda hypothesis: -hypothesis.log_evidence)
     return ModelRanking(replace(base, log_evidence=0.0), tuple(rows), noise_inflation)
 
@@ -188,31 +137,23 @@ def _repeated_sample_misfit(problem: EstimationProblem, base: HypothesisFit) -> 
     return float(missed), int(np.count_nonzero(seen))
 
 
-def _lag_one_correlation(residual: np.ndarray, mask: np.ndarray) -> float:
-    """Correlation of the residual (windows, samples, d) from one sample to the next."""
-    seen = np.where(mask[..., None], residual, 0.0)
-    return float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
-
-
 def _explain_by_sample_noise(
     problem: EstimationProblem, base: HypothesisFit, candidates: Sequence[PlacedEffect]
 ) -> list[tuple[float, HypothesisFit]]:
-    """Gain of misfit by each effect on single samples, from the residual of the base."""
+    """Gain of log likelihood by each effect on single samples, from the residual of the base."""
     out = []
     mask = problem.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
+    record, residual = problem.rollout_model.dataset, base.fit.residual
+    seen = np.where(mask[..., None], residual, 0.0)
+    # from one sample to the next; noise of single samples has none
+    correlation = float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
+    credit = min(max(0.0, 1.0 - correlation / SELECTION.max_noise_correlation), 1.0)
+    speed = problem.windows.take(record.v) / problem.sigma * record.dt_s
     for candidate in candidates:
         if not isinstance(candidate.effect, SampleEffect):
             continue
-        v = (
-            problem.windows.take(problem.rollout_model.dataset.v)
-            / problem.sigma
-            * problem.rollout_model.dataset.dt_s
-        )
-        gain, parameters, misfit = candidate.effect.explain(base.fit.residual[mask], v[mask])
-        gain *= min(
-            max(0.0, 1.0 - _lag_one_correlation(base.fit.residual, mask) / SELECTION.max_noise_correlation),
-            1.0,
-        )
+        gain, parameters, misfit = candidate.effect.explain(residual[mask], speed[mask])
+        gain *= credit
         if candidate.effect.repeats:
             missed, n = _repeated_sample_misfit(problem, base)
             gain += 0.5 * missed
@@ -223,21 +164,19 @@ def _explain_by_sample_noise(
 
 
 def _scale_start(
-    problem: EstimationProblem,
-    effects: tuple[PlacedEffect, ...],
-    base: ShootingFit,
-    candidate: PlacedEffect,
-    x: np.ndarray,
+    problem: EstimationProblem, effects: tuple[PlacedEffect, ...], base: ShootingFit, x: np.ndarray
 ) -> np.ndarray:
-    """Parameters to start from: the share of the score test's amplitude that full rollouts fit best."""
-    known, n = sum(len(e.effect.parameters) for e in effects), candidate.effect.amplitudes
-    tried = np.repeat(x[None], len(SELECTION.start_shares) if n else 1, axis=0)
-    if n:
-        tried[:, :n] *= np.array(SELECTION.start_shares)[:, None]
-    whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
+    """Parameters to start from: the share of the score test's amplitude that full rollouts fit best.
+
+    ``x`` (k,) are the parameters of the last effect, ``base`` is the fit of those before it.
+    """
+    known, n = sum(placed.size for placed in effects[:-1]), effects[-1].effect.amplitudes
     if not n:
-        return whole[0]
-    y = problem.predict((*effects, candidate))(whole, np.repeat(base.starts[None], len(whole), axis=0))
+        return np.concatenate([base.x[:known], x, base.x[known:]])
+    tried = np.repeat(x[None], len(SELECTION.start_shares), axis=0)
+    tried[:, :n] *= np.array(SELECTION.start_shares)[:, None]
+    whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
+    y = problem.predict(effects)(whole, np.repeat(base.starts[None], len(whole), axis=0))
     misfit = np.sum(((problem.data.y - y) * problem.data.weight) ** 2, axis=(1, 2, 3))
     return whole[int(np.argmin(np.where(np.isfinite(misfit), misfit, np.inf)))]
 
@@ -251,13 +190,8 @@ def fit_candidate(
     starts: int,
 ) -> HypothesisFit:
     """Fit one candidate beside ``effects`` from its best few starting points, and return the best fit."""
-    known = sum(len(e.effect.parameters) for e in effects)
-    near = (base.slopes[..., known:], base.start_slopes)
-    best: ShootingFit | None = None
+    near, together = HypothesisFit(effects, base).nearby_slopes, (*effects, score.placed)
+    fits = []
     for x in score.starts[:starts]:
-        whole = _scale_start(problem, effects, base, score.placed, x)
-        fit = problem.fit((*effects, score.placed), whole, base.starts, near)
-        if best is None or fit.cost < best.cost:
-            best = fit
-    assert best is not None
-    return HypothesisFit((*effects, score.placed), best)
+        fits.append(problem.fit(together, _scale_start(problem, together, base, x), base.starts, near))
+    return HypothesisFit(together, min(fits, key=lambda fit: fit.cost))

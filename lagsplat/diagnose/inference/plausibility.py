@@ -6,13 +6,12 @@ with many parameters imitates a sim whose parameters are all somewhat wrong. Whe
 fits as well, with more evidence, the effect is not the cause.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
-from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_log_evidence
 
@@ -33,22 +32,19 @@ def assess_implausibility(
     problem: EstimationProblem, ranking: ModelRanking, hypothesis: HypothesisFit, *, nominal: float
 ) -> Implausibility:
     """The strongest reason against an explanation; none against effects on single samples."""
-    if any(isinstance(placed.effect, SampleEffect) for placed in hypothesis.effects):
+    if hypothesis.moves_samples:
         return Implausibility(0.0, "loose")
     ahead = relaxed_model_log_evidence(
         problem, ranking.none, hypothesis, nominal=nominal, noise_inflation=ranking.noise_inflation
     )
-    loose = 1.0 / (
-        1.0
-        + np.exp(np.clip((IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter, -50.0, 50.0))
-    )
+    behind = (IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter
+    loose = float(1.0 / (1.0 + np.exp(np.clip(behind, -50.0, 50.0))))
+    unrepeated = IMPLAUSIBILITY.unrepeated_chance * (1.0 - measure_recurrence(hypothesis, problem))
     shapes = sum(placed.effect.flexible for placed in hypothesis.effects)
     reasons = (
-        Implausibility(
-            IMPLAUSIBILITY.unrepeated_chance * (1.0 - measure_recurrence(hypothesis, problem)), "unrepeated"
-        ),
+        Implausibility(unrepeated, "unrepeated"),
         Implausibility(IMPLAUSIBILITY.flexible_chance if shapes > 1 else 0.0, "shapeless"),
-        Implausibility(float(loose), "loose"),
+        Implausibility(loose, "loose"),
     )
     return max(reasons, key=lambda reason: reason.chance)
 
@@ -61,7 +57,7 @@ def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) ->
     record, shown = problem.rollout_model.dataset, 1.0
     for placed in hypothesis.effects:
         if placed.effect.recurrence is not None:
-            parameters = placed.name_parameters(hypothesis.fit.x[hypothesis.parameter_slice(placed)])
+            parameters = hypothesis.name_parameters(placed)
             shown = min(shown, placed.effect.recurrence(parameters, record, placed))
     return shown
 
@@ -74,27 +70,15 @@ def relaxed_model_log_evidence(
     nominal: float,
     noise_inflation: float,
 ) -> float:
-    """Log evidence of the sim with relaxed priors over that of ``best`` [nat].
+    """Log evidence of the sim with relaxed priors, fitted from ``none``, over that of ``best`` [nat].
 
-    Minus infinity where the relaxed sim fits worse, and where the sim misses even its own recordings: then it
-    fits anything.
-
-    Args:
-        problem: data, sim and noise.
-        none: fit without effects, from which the relaxed fit starts.
-        best: the explanation.
-        nominal: mean square residual of the sim on its own recordings [noise variances].
-        noise_inflation: factor on the noise variance in the evidence.
+    Minus infinity where the relaxed sim fits worse, and where the sim misses even its own recordings
+    (``nominal`` [noise variances]): then it fits anything.
     """
     if nominal > IMPLAUSIBILITY.max_nominal_misfit:
         return -np.inf
     rollout_model = problem.rollout_model
-    loose = replace(
-        problem,
-        rollout_model=replace(
-            rollout_model, nuisance=rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation)
-        ),
-    )
+    loose = problem.with_nuisance(rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation))
     fit = loose.fit((), none.fit.x, none.fit.starts)
     noise = nominal * problem.degrees_of_freedom
     if fit.misfit > max(best.fit.misfit, noise) + IMPLAUSIBILITY.relaxed_misfit_margin * noise:

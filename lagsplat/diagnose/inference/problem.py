@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 from lagsplat.diagnose.core.config import PROBLEM, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import PreparedDataset, WindowSet, cut_windows, prepare_dataset
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -42,22 +42,16 @@ class EstimationProblem:
     sigma: Float64[np.ndarray, " d"]
     iterations: int
     tolerance: float
-    repeated_samples: Bool[np.ndarray, " N"] | None = None
-    """Samples that repeat an earlier one; they are not fitted."""
-    noise_inflation: float = 1.0
+    repeated_samples: Bool[np.ndarray, " N"]  # samples that repeat an earlier one; they are not fitted
+    noise_inflation: float
     """Factor on the noise variance in fits: what the sim leaves of its own recordings, and its
     correlation."""
-    excluded_windows: int = 0  # number of windows that are left out because the sim was never seen to move so
+    excluded_windows: int  # number of windows that are left out because the sim was never seen to move so
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:
         """Mask of the repeated samples in the windows."""
-        inside = self.windows.mask() > 0.0
-        return (
-            np.zeros_like(inside)
-            if self.repeated_samples is None
-            else inside & self.windows.take(self.repeated_samples)
-        )
+        return (self.windows.mask() > 0.0) & self.windows.take(self.repeated_samples)
 
     @cached_property
     def data(self) -> ShootingData:
@@ -78,9 +72,12 @@ class EstimationProblem:
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""
-        return np.concatenate([self.rollout_model.smooth, self.rollout_model.dataset.v], axis=1)[
-            self.windows.first
-        ]
+        states = np.concatenate([self.rollout_model.smooth, self.rollout_model.dataset.v], axis=1)
+        return states[self.windows.first]
+
+    def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
+        """The same with other uncertainties of the sim."""
+        return replace(self, rollout_model=replace(self.rollout_model, nuisance=nuisance))
 
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """The rollout function of a set of effects, of parameters and initial states."""
@@ -100,11 +97,8 @@ class EstimationProblem:
     ) -> ShootingFit:
         """Fit the parameters of ``effects`` and the nuisance parameters by multiple shooting.
 
-        Args:
-            effects: effects of the hypothesis.
-            x: parameters to start from: those of the effects, then the nuisance parameters.
-            starts: initial states of the windows, (W, 2 d); None for `initial_states`.
-            known: derivatives of a fit nearby by the nuisance parameters and by the initial states.
+        It begins with ``x``, the parameters in this order, and with ``starts`` (W, 2 d), by default
+        `initial_states`. ``known`` are a nearby fit's derivatives by the nuisance parameters and the starts.
         """
         return fit_multiple_shooting(
             self.predict(effects),
@@ -154,9 +148,10 @@ def estimate_natural_periods(model: MechanicalModel, fallback_s: float) -> Natur
     values = values[values > 0.0]
     if not len(values):
         return NaturalPeriods(fallback_s, fallback_s)
-    low, high = (float(2.0 * np.pi / np.sqrt(values.min())), float(2.0 * np.pi / np.sqrt(values.max())))
+    longest, shortest = (float(2.0 * np.pi / np.sqrt(value)) for value in (values.min(), values.max()))
+    most = 3.0 * fallback_s
     return NaturalPeriods(
-        min(max(low, fallback_s / 3.0), 3.0 * fallback_s), min(max(high, fallback_s / 5.0), fallback_s * 3.0)
+        min(max(longest, fallback_s / 3.0), most), min(max(shortest, fallback_s / 5.0), most)
     )
 
 
@@ -189,26 +184,18 @@ def build_problem(
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=natural.longest_s, min_frames=20)
     like = select_known_windows(sim, windows, ready)
-    excluded_windows, windows = int(np.count_nonzero(~like)), windows.select(like)
-    rollout_model = RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth)
-    repeated_samples = find_repeated_samples(record.q, record.clips, ready.sigma)
-    noise_inflation = max(sim.misfit, 1.0) * sim.correlation
     problem = EstimationProblem(
-        rollout_model,
-        windows,
-        ready.sigma,
-        config.iterations,
-        config.tolerance,
-        repeated_samples,
-        noise_inflation,
-        excluded_windows,
+        RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth),
+        windows=windows.select(like),
+        sigma=ready.sigma,
+        iterations=config.iterations,
+        tolerance=config.tolerance,
+        repeated_samples=find_repeated_samples(record.q, record.clips, ready.sigma),
+        noise_inflation=max(sim.misfit, 1.0) * sim.correlation,
+        excluded_windows=int(np.count_nonzero(~like)),
     )
     kept = select_visible_directions(problem, sim.uncertainty_directions)
-    return (
-        replace(problem, rollout_model=replace(rollout_model, nuisance=replace(nuisance, directions=kept))),
-        ready,
-        natural,
-    )
+    return problem.with_nuisance(replace(nuisance, directions=kept)), ready, natural
 
 
 def select_known_windows(
@@ -298,16 +285,33 @@ class HypothesisFit:
         return self.effects[-1].effect.name
 
     @property
+    def moves_samples(self) -> bool:
+        """Whether one of the effects moves single samples, which no fit shows."""
+        return not all(placed.changes_motion for placed in self.effects)
+
+    @property
+    def fitted(self) -> tuple[PlacedEffect, ...]:
+        """The effects whose parameters are fitted: all but those on single samples."""
+        return tuple(placed for placed in self.effects if placed.changes_motion)
+
+    @property
     def n_effect_parameters(self) -> int:
         """Number of fitted parameters that belong to the effects; nuisance parameters follow them."""
-        return sum(len(e.effect.parameters) for e in self.effects)
+        return sum(placed.size for placed in self.fitted)
 
     def parameter_slice(self, placed: PlacedEffect) -> slice:
-        """Where the parameters of one of the effects are in ``fit.x``; effects on single samples have
-        none."""
-        fitted = [e for e in self.effects if not isinstance(e.effect, SampleEffect)]
-        at = sum(len(e.effect.parameters) for e in fitted[: fitted.index(placed)])
-        return slice(at, at + len(placed.effect.parameters))
+        """Where the parameters of one of the `fitted` effects are in ``fit.x``."""
+        at = sum(other.size for other in self.fitted[: self.fitted.index(placed)])
+        return slice(at, at + placed.size)
+
+    def name_parameters(self, placed: PlacedEffect) -> dict[str, float]:
+        """Fitted parameters of one of the effects by name, in the units of the recording."""
+        return placed.name_parameters(self.fit.x[self.parameter_slice(placed)])
+
+    @property
+    def nearby_slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by the nuisance parameters and by the starts, where a fit nearby may begin."""
+        return self.fit.slopes[..., self.n_effect_parameters :], self.fit.start_slopes
 
 
 def compute_log_evidence(
@@ -320,10 +324,9 @@ def compute_log_evidence(
     prior, fit = make_joint_prior(hypothesis.effects, rollout_model), hypothesis.fit
     effect_priors = [p.prior for e in hypothesis.effects for p in e.effect.parameters]
     log_prior = sum(p.log_density(float(x)) for p, x in zip(effect_priors, fit.x, strict=False))
-    nuisance = fit.x[hypothesis.n_effect_parameters :] / prior.deviation[hypothesis.n_effect_parameters :]
-    nuisance_log_prior = -0.5 * float(nuisance @ nuisance) - float(
-        np.log(prior.deviation[hypothesis.n_effect_parameters :]).sum()
-    )
+    deviation = prior.deviation[len(effect_priors) :]
+    nuisance = fit.x[len(effect_priors) :] / deviation
+    nuisance_log_prior = -0.5 * float(nuisance @ nuisance) - float(np.log(deviation).sum())
     nuisance_log_prior -= 0.5 * len(nuisance) * np.log(2.0 * np.pi)
     h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
     sign, log_det = np.linalg.slogdet(h)

@@ -7,18 +7,38 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import PROFILES
+from lagsplat.diagnose.core.config import PROFILES, VERDICT
 from lagsplat.diagnose.core.result import Parameter
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.parameters import UNITS
 from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.estimation.multiple_shooting import (
+    GaussianPrior,
+    ShootingFit,
     compute_penalty,
     eliminate_starts,
     fit_multiple_shooting,
 )
-from lagsplat.diagnose.inference.posterior import compute_laplace_interval
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, make_joint_prior
+
+
+def compute_posterior_deviations(
+    fit: ShootingFit, prior: GaussianPrior, noise_inflation: float
+) -> Float64[np.ndarray, " k"]:
+    """Standard deviations of all parameters by Laplace's approximation."""
+    h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
+    return np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0.0))
+
+
+def compute_laplace_interval(
+    hypothesis: HypothesisFit, prior: GaussianPrior, noise_inflation: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of the effects at both ends of their 90 % intervals."""
+    n = hypothesis.n_effect_parameters
+    deviation = compute_posterior_deviations(hypothesis.fit, prior, noise_inflation)[:n]
+    best, spread = hypothesis.fit.x[:n], VERDICT.deviation_factor * deviation + VERDICT.deviation_floor
+    low, high = best - VERDICT.interval_z * spread, best + VERDICT.interval_z * spread
+    return np.maximum(low, prior.lowest[:n]), high
 
 
 def estimate_parameters(
@@ -26,28 +46,20 @@ def estimate_parameters(
 ) -> dict[str, Parameter]:
     """The parameters of one effect of a hypothesis in physical units, with 90 % intervals.
 
-    Returns:
-        The parameters by the keys that ``diagnosis.json`` uses.
+    Their keys are those of ``diagnosis.json``.
     """
-    effect, scales = placed.effect, placed.scales
-    kinds = {p.name: p.kind for p in effect.parameters}
-    if isinstance(effect, SampleEffect):
-        sized = {
-            name: [v * scales.of(kinds[name]) for v in values] for name, values in hypothesis.noise.items()
-        }
-        return {name: Parameter(v[0], v[1], v[2], UNITS[kinds[name]]) for name, v in sized.items()}
-    known = [e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect)]
-    prior = [p.prior for e in known for p in e.effect.parameters]
-    low, high = compute_laplace_interval(
-        replace(hypothesis, effects=tuple(known)),
-        problem.rollout_model.nuisance.deviation,
-        prior,
-        noise_inflation,
-    )
-    cut = hypothesis.parameter_slice(placed)
-    rows = placed.to_physical(np.stack([hypothesis.fit.x[cut], low[cut], high[cut]]))
-    best, *ends = (list_published_parameters(placed, row, problem.rollout_model.dataset) for row in rows)
     out = {}
+    if isinstance(placed.effect, SampleEffect):
+        kinds = {p.name: p.kind for p in placed.effect.parameters}
+        for name, row in hypothesis.noise.items():
+            sized = [value * placed.scales.of(kinds[name]) for value in row]
+            out[name] = Parameter(sized[0], sized[1], sized[2], UNITS[kinds[name]])
+        return out
+    prior = make_joint_prior(hypothesis.fitted, problem.rollout_model)
+    low, high = compute_laplace_interval(hypothesis, prior, noise_inflation)
+    cut, record = hypothesis.parameter_slice(placed), problem.rollout_model.dataset
+    rows = (hypothesis.fit.x[cut], low[cut], high[cut])
+    best, *ends = (list_published_parameters(placed, row, record) for row in rows)
     for key, value in best.items():
         first, second = (end.get(key, value) for end in ends)
         if isinstance(value, list) and not len(first) == len(second) == len(value):
@@ -59,36 +71,30 @@ def estimate_parameters(
 
 
 def format_parameter_unit(placed: PlacedEffect, key: str) -> str:
-    """Unit of a published parameter: its kind's, or that of the first in a list, or that of the first
-    parameter."""
-    kinds = {p.name: p.kind for p in placed.effect.parameters}
+    """Unit of a published parameter, the first one's where the key has none of its own."""
+    effect = placed.effect
     if key == "files":
         return "1"
-    if key in placed.effect.report_units:
-        return placed.effect.report_units[key]
+    if key in effect.report_units:
+        return effect.report_units[key]
     if key.endswith("_hz"):
         return "Hz"
-    first = placed.effect.parameters[0].kind
-    raw = UNITS[kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", first))]
-    raw = placed.effect.variant_units.get(placed.variant, raw)
-    place = next(
-        (part.location for part in placed.parts if key.endswith(f" {part.location}")), placed.location
-    )
+    kinds = {p.name: p.kind for p in effect.parameters}
+    kind = kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", effect.parameters[0].kind))
+    unit = effect.variant_units.get(placed.variant, UNITS[kind])
+    locations = [part.location for part in placed.parts if key.endswith(f" {part.location}")]
+    place = locations[0] if locations else placed.location
     name = f"({place})" if place and " " in place else place
-    return raw.format(q=name or "q", u=name or "u")
+    return unit.format(q=name or "q", u=name or "u")
 
 
-def list_published_parameters(placed: PlacedEffect, row: np.ndarray, record: Dataset) -> dict[str, Any]:
-    """Physical values of an effect's parameters by published key; times are on the clocks of their files."""
-    effect = placed.effect
-    plain = {
-        p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
-        for p, value in zip(effect.parameters, row, strict=True)
-        if not p.name.startswith("memory ")
-    }
-    published: dict[str, Any] = (
-        effect.report_parameters(plain, placed) if effect.report_parameters else dict(plain)
-    )
+def list_published_parameters(
+    placed: PlacedEffect, x: Float64[np.ndarray, " k"], record: Dataset
+) -> dict[str, Any]:
+    """Parameters of an effect for unknowns ``x`` by published key; times are on the clocks of their files."""
+    effect, named = placed.effect, placed.name_parameters(x)
+    fitted: dict[str, Any] = {n: value for n, value in named.items() if not n.startswith("memory ")}
+    published = effect.report_parameters(fitted, placed) if effect.report_parameters else fitted
     if "times" in published:
         places = [record.to_file_time(time) for time in published["times"]]
         published["times"] = [time for _, time in places]
@@ -115,57 +121,43 @@ def compute_profiles(
 
     Source: profile likelihood, Raue et al., 2009, doi:10.1093/bioinformatics/btp358.
     """
-    effects = tuple(e for e in hypothesis.effects if not isinstance(e.effect, SampleEffect))
     if not np.isfinite(hypothesis.fit.curvature).all():
         return
-    curvature = hypothesis.fit.curvature / noise_inflation + np.diag(
-        1.0 / make_joint_prior(effects, problem.rollout_model).deviation ** 2
-    )
-    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
+    hypothesis, record = replace(hypothesis, effects=hypothesis.fitted), problem.rollout_model.dataset
+    prior = make_joint_prior(hypothesis.effects, problem.rollout_model)
+    deviation = compute_posterior_deviations(hypothesis.fit, prior, noise_inflation)
     count = 0
-    for placed in effects:
+    for placed in hypothesis.effects:
         cut = hypothesis.parameter_slice(placed)
-        keys = list_published_parameters(
-            placed, placed.to_physical(hypothesis.fit.x[None, cut])[0], problem.rollout_model.dataset
-        )
+        keys = list_published_parameters(placed, hypothesis.fit.x[cut], record)
         for i, parameter in enumerate(placed.effect.parameters):
             if parameter.name not in keys or count == PROFILES.max_parameters:
                 continue
             count += 1
             at = cut.start + i
-            x, fall = _profile_parameter(
-                problem, replace(hypothesis, effects=effects), at, spread[at], noise_inflation
-            )
+            x, fall = _profile_parameter(problem, hypothesis, at, deviation[at], noise_inflation)
             rows = np.repeat(hypothesis.fit.x[None, cut], len(x), axis=0)
             rows[:, i] = x
-            physical = placed.to_physical(rows)
-            values = [
-                list_published_parameters(placed, row, problem.rollout_model.dataset)[parameter.name]
-                for row in physical
-            ]
-            where = format_parameter_unit(placed, parameter.name)
-            yield ProfileLikelihood(placed.effect.name, parameter.name, where, np.array(values), fall)
+            values = [list_published_parameters(placed, row, record)[parameter.name] for row in rows]
+            unit = format_parameter_unit(placed, parameter.name)
+            yield ProfileLikelihood(placed.effect.name, parameter.name, unit, np.array(values), fall)
 
 
 def _profile_parameter(
     problem: EstimationProblem, hypothesis: HypothesisFit, at: int, spread: float, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values of one parameter on both sides of the best, and the log likelihood of the best fit at each."""
-    best, prior = hypothesis.fit.x[at], problem.prior(hypothesis.effects)
-    near = (hypothesis.fit.slopes[..., hypothesis.n_effect_parameters :], hypothesis.fit.start_slopes)
-    rows = [(best, 0.0)]
+    best, prior = hypothesis.fit, problem.prior(hypothesis.effects)
+    rows = [(best.x[at], 0.0)]
     for side in (-1.0, 1.0):
-        x, starts = hypothesis.fit.x, hypothesis.fit.starts
+        x, starts = best.x, best.starts
         for k in range(1, PROFILES.points_per_side + 1):
-            value = max(
-                best + side * PROFILES.reach_deviations * spread * k / PROFILES.points_per_side,
-                prior.lowest[at],
-            )
+            reach = side * PROFILES.reach_deviations * spread * k / PROFILES.points_per_side
+            value = max(best.x[at] + reach, prior.lowest[at])
             if value == x[at]:
                 break
-            mean, deviation = prior.mean.copy(), prior.deviation.copy()
-            mean[at], deviation[at] = value, PROFILES.pin_deviation * spread
-            pinned = replace(prior, mean=mean, deviation=deviation)
+            pinned = replace(prior, mean=prior.mean.copy(), deviation=prior.deviation.copy())
+            pinned.mean[at], pinned.deviation[at] = value, PROFILES.pin_deviation * spread
             moved = x.copy()
             moved[at] = value
             fit = fit_multiple_shooting(
@@ -176,13 +168,13 @@ def _profile_parameter(
                 pinned,
                 iterations=PROFILES.iterations,
                 tolerance=problem.tolerance,
-                known=near,
+                known=hypothesis.nearby_slopes,
             )
             x, starts = fit.x, fit.starts
-            paid = float(compute_penalty(fit.x[None], prior)[0])
-            priced = 0.5 * (paid - hypothesis.fit.penalty) / problem.noise_inflation
-            lost = 0.5 * (fit.misfit - hypothesis.fit.misfit) / noise_inflation + priced
-            rows.append((float(value), -lost))
+            penalty = float(compute_penalty(fit.x[None], prior)[0])
+            by_prior = 0.5 * (penalty - best.penalty) / problem.noise_inflation
+            loss = 0.5 * (fit.misfit - best.misfit) / noise_inflation + by_prior
+            rows.append((float(value), -loss))
     rows.sort()
     values, fall = np.array(rows).T
     return values, fall
@@ -207,22 +199,18 @@ def compute_separability(
     """
     best: dict[str, HypothesisFit] = {}
     for hypothesis in found:
+        fit = hypothesis.fit
         # an effect that changes nothing, or overflows, has no derivatives to regress on
-        lone = len(hypothesis.effects) == 1 and not isinstance(hypothesis.effects[0].effect, SampleEffect)
-        if (
-            lone
-            and np.isfinite(hypothesis.fit.slopes).all()
-            and np.isfinite(hypothesis.fit.start_slopes).all()
-        ):
-            best.setdefault(hypothesis.effects[0].effect.name, hypothesis)
+        finite = np.isfinite(fit.slopes).all() and np.isfinite(fit.start_slopes).all()
+        if len(hypothesis.fitted) == len(hypothesis.effects) == 1 and finite:
+            best.setdefault(hypothesis.name, hypothesis)
     fits = list(best.values())[: PROFILES.max_compared_effects]
     if len(fits) < 2:
         return None
-    marks = [_effect_signature(problem, hypothesis) for hypothesis in fits]
-    nats = np.array([[_unexplained_square(problem, mark, other) for other in fits] for mark in marks]) / (
-        2.0 * noise_inflation
-    )
-    return Separability(tuple(hypothesis.effects[0].effect.name for hypothesis in fits), nats)
+    signatures = [_effect_signature(problem, hypothesis) for hypothesis in fits]
+    squares = [[_unexplained_square(problem, row, other) for other in fits] for row in signatures]
+    names = tuple(hypothesis.name for hypothesis in fits)
+    return Separability(names, np.array(squares) / (2.0 * noise_inflation))
 
 
 def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, "W L d"]:
@@ -240,17 +228,14 @@ def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> 
     return np.nan_to_num((with_it - without) * problem.data.weight)
 
 
-def _unexplained_square(problem: EstimationProblem, mark: np.ndarray, other: HypothesisFit) -> float:
-    """The square of ``mark`` that regression on the ``other`` effect and on all nuisance parameters
-    leaves."""
+def _unexplained_square(problem: EstimationProblem, change: np.ndarray, other: HypothesisFit) -> float:
+    """What regression of a ``change`` on the ``other`` effect and all nuisance parameters leaves, squared."""
     fit = other.fit
-    spread = make_joint_prior(other.effects, problem.rollout_model).deviation
-    curvature, gradient, _, _, start_moves = eliminate_starts(mark, fit.slopes, fit.start_slopes)
-    flat = mark.reshape(len(mark), -1)
+    deviation = make_joint_prior(other.effects, problem.rollout_model).deviation
+    curvature, gradient, _, _, start_moves = eliminate_starts(change, fit.slopes, fit.start_slopes)
     # the effect itself has a flat prior, the nuisance parameters keep theirs
-    precision = np.where(
-        np.arange(len(spread)) < other.n_effect_parameters, 1e-9 * np.diag(curvature), 1.0 / spread**2
-    )
+    of_effect = np.arange(len(deviation)) < other.n_effect_parameters
+    precision = np.where(of_effect, 1e-9 * np.diag(curvature), 1.0 / deviation**2)
     move = np.linalg.lstsq(curvature + np.diag(precision), gradient, rcond=1e-12)[0]
-    started = float(np.sum((flat - np.einsum("wms,ws->wm", fit.start_slopes, start_moves)) ** 2))
-    return max(started - float(gradient @ move), 0.0)
+    left = change.reshape(len(change), -1) - np.einsum("wms,ws->wm", fit.start_slopes, start_moves)
+    return max(float(np.sum(left**2)) - float(gradient @ move), 0.0)

@@ -50,15 +50,12 @@ def calibrate_null_evidence(
     *,
     report_progress: Callable[[str], None] = lambda name: None,
 ) -> float:
-    """Log evidence that the best effect gains where there is none, times
-    `RECALIBRATION.null_evidence_factor`.
+    """Log evidence [nat] that the best effect gains where there is none, times
+    `RECALIBRATION.null_evidence_factor`; 0 where no effect gains.
 
     Evidence grows with duration, so a reference that is shorter than the real trajectories counts more in
     proportion. Where the sim has a novelty detector, the windows of the reference that are most similar to
     the real ones are used, each as often as it is the nearest.
-
-    Returns:
-        The offset of every log evidence [nat]; 0 where no effect gains.
 
     Raises:
         ValueError: ``reference`` is too short for a single window.
@@ -71,15 +68,13 @@ def calibrate_null_evidence(
         problem = replace(problem, windows=quiet)
     else:
         problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
-    natural = estimate_natural_periods(sim.model, estimate_spectral_period_s([part]))
+    period_s = estimate_natural_periods(sim.model, estimate_spectral_period_s([part])).longest_s
+    hints = find_hints(sim.model, [part], period_s=period_s, hold=config.input_hold)
+    q_names, u_names = reference.q_names, reference.u_names
     candidates = place_effects(
-        problem.rollout_model,
-        find_hints(sim.model, [part], period_s=natural.longest_s, hold=config.input_hold),
-        q_names=reference.q_names,
-        u_names=reference.u_names,
-        without=config.without,
+        problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
-    budget = SearchBudget.of(config, nominal=max(1.0, sim.misfit))
+    budget = SearchBudget(config, max(1.0, sim.misfit))
     found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found
     gained = max((fit.log_evidence for fit in found), default=0.0)
     return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * duration_ratio
@@ -124,48 +119,42 @@ def recalibrate_simulator(
         ValueError: the motions are too short for a single window.
     """
     problem, ready, _ = build_problem(sim, motions, config)
-    rollout_model = problem.rollout_model
-    windows = problem.windows.subsample(2.0 * config.reference_longest_s / rollout_model.dataset.dt_s)
-    setting = make_identification_settings(config)
+    rollout_model, record = problem.rollout_model, problem.rollout_model.dataset
+    windows = problem.windows.subsample(2.0 * config.reference_longest_s / record.dt_s)
 
-    def trial(first: int) -> IdentificationProblem:
+    def take_half(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
-        data = replace(problem, windows=chosen).data
-        speed = np.std(rollout_model.dataset.v, axis=0)
         return IdentificationProblem(
-            rollout_model.dataset,
-            ready.smooth,
-            speed,
-            chosen,
-            data,
-            rollout_model.steps,
-            rollout_model.held,
-            setting,
+            dataset=record,
+            smooth=ready.smooth,
+            speed=np.std(record.v, axis=0),
+            windows=chosen,
+            data=replace(problem, windows=chosen).data,
+            steps=rollout_model.steps,
+            held=rollout_model.held,
+            setting=make_identification_settings(config),
         )
 
-    fitted, judging = trial(0), trial(1)
-    missed, found = judging.compute_misfit(sim.model), None
-    for step in (
-        RECALIBRATION.degree_steps if sim.model.d <= MAX_FEW_COORDINATES else RECALIBRATION.degree_steps_many
-    ):
-        model = found.model if found else sim.model
+    training, validation = take_half(0), take_half(1)
+    misfit, best = validation.compute_misfit(sim.model), None
+    few = sim.model.d <= MAX_FEW_COORDINATES
+    for step in RECALIBRATION.degree_steps if few else RECALIBRATION.degree_steps_many:
+        model = best.model if best else sim.model
         # the half with the smaller misfit counts: a law may diverge in a single window of the other
-        half = min(missed / judging.n_data, fitted.compute_misfit(model) / fitted.n_data)
-        tried = fit_coefficients(fitted, model, step, excess=max(half, 1.0))
-        left = judging.compute_misfit(tried.model)
-        if not left < RECALIBRATION.max_remaining_misfit * missed:
+        half = min(misfit / validation.n_data, training.compute_misfit(model) / training.n_data)
+        tried = fit_coefficients(training, model, step, excess=max(half, 1.0))
+        left = validation.compute_misfit(tried.model)
+        if not left < RECALIBRATION.max_remaining_misfit * misfit:
             break
-        missed, found = left, tried
-    if found is None:
+        misfit, best = left, tried
+    if best is None:
         return sim
-    rested = replace(found.model, rest=find_rest(found.model))
-    known = NoveltyDetector.from_recordings(problem.windows, ready.smooth, rollout_model.dataset)
     return replace(
         sim,
-        model=rested,
+        model=replace(best.model, rest=find_rest(best.model)),
         original=sim,
-        uncertainty_directions=_unidentified_directions(found, fitted),
-        novelty_detector=known,
+        uncertainty_directions=_unidentified_directions(best, training),
+        novelty_detector=NoveltyDetector.from_recordings(problem.windows, ready.smooth, record),
     )
 
 
@@ -175,36 +164,26 @@ def choose_structure(model: MechanicalModel, step: tuple[int, int, int, int]) ->
     The mass changes only as a whole: a fitted one may be nearly singular and soon be no longer positive.
     """
     ends = list_field_sizes(model.basis)
-    mass, damping, potential, inputs = (ends[min(k, len(ends) - 1)] for k in step)
-    return ModelStructure(
-        min(mass, len(model.mass)),
-        min(damping, len(model.damping)),
-        min(potential, len(model.potential)),
-        min(inputs, len(model.input_map)),
+    fields = (model.mass, model.damping, model.potential, model.input_map)
+    mass, damping, potential, inputs = (
+        min(ends[min(k, len(ends) - 1)], len(field)) for k, field in zip(step, fields, strict=True)
     )
+    return ModelStructure(mass, damping, potential, inputs)
 
 
 def fit_coefficients(
     trial: IdentificationProblem, model: MechanicalModel, step: tuple[int, int, int, int], *, excess: float
 ) -> CoefficientFit:
-    """Fit the coefficients of one step; ``excess``, the misfit in noise variances, narrows the prior.
+    """Fit the coefficients of one step; the larger the misfit before, the narrower the prior.
 
-    Args:
-        trial: the windows that are fitted.
-        model: the model before the step.
-        step: highest degrees of mass, damping, potential and input map that change.
-        excess: mean square residual before the step [noise variances].
+    ``step`` are the highest degrees of mass, damping, potential and input map that change, ``excess`` is the
+    mean square residual before the step [noise variances].
     """
     moves = find_independent_directions(trial, model, choose_structure(model, step))
-    n = len(moves)
-    belief = GaussianPrior(
-        np.zeros(n),
-        np.full(n, RECALIBRATION.move_deviation / np.sqrt(excess)),
-        np.full(n, -np.inf),
-        np.full(n, 1e-4),
-    )
+    deviation = RECALIBRATION.move_deviation / np.sqrt(excess)
+    prior = GaussianPrior(*(np.full(len(moves), value) for value in (0.0, deviation, -np.inf, 1e-4)))
     iterations = RECALIBRATION.iterations_factor * trial.setting.iterations
-    fit = trial.fit_moves(model, moves, trial.initial_states, belief, iterations=iterations)
+    fit = trial.fit_moves(model, moves, trial.initial_states, prior, iterations=iterations)
     return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
 
@@ -220,23 +199,13 @@ def find_independent_directions(
     q, v, u = trial.smooth[at], record.v[at], record.u[at]
     base = model.acceleration(q, v, u)
     size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
-    plain = list_free_directions(model, form, trial.speed)
-    change = np.stack(
-        [
-            (shift_coefficients(model, RECALIBRATION.direction_step * move).acceleration(q, v, u) - base)
-            / RECALIBRATION.direction_step
-            for move in plain
-        ]
-    )
+    plain, step = list_free_directions(model, form, trial.speed), RECALIBRATION.direction_step
+    moved = (shift_coefficients(model, step * move).acceleration(q, v, u) for move in plain)
+    change = np.stack([(acceleration - base) / step for acceleration in moved])
     rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
     values, vectors = np.linalg.eigh(rows @ rows.T)
     kept = values > RECALIBRATION.direction_cutoff * values.max()
     return (vectors[:, kept] / np.sqrt(values[kept])).T @ plain
-
-
-def make_inertia_direction(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
-    """The change of all coefficients that doubles the inertia and nothing else."""
-    return np.concatenate([(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
 
 
 def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) -> Float64[np.ndarray, "n K"]:
@@ -245,13 +214,12 @@ def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) 
     The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
     appear as a change of mass in every diagnosis.
     """
-    moves = np.concatenate([fit.moves, make_inertia_direction(fit.model)[None]])
-    linear = trial.make_sensitivity(fit.model, moves).derivatives(
-        np.zeros(len(moves)), fit.fit.starts, trial.data
-    )
+    model = fit.model
+    inertia = [(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS]
+    moves = np.concatenate([fit.moves, np.concatenate(inertia)[None]])
+    sensitivity = trial.make_sensitivity(model, moves)
+    linear = sensitivity.derivatives(np.zeros(len(moves)), fit.fit.starts, trial.data)
     curvature, *_ = eliminate_starts(*linear)
     misfit = max(fit.fit.misfit / max(trial.n_data - len(fit.moves), 1.0), 1.0)
-    alike = compute_autocorrelation_time(fit.fit.residual, trial.windows.length)
-    return list_uncertain_directions(
-        curvature / (misfit * alike), moves, deviation=RECALIBRATION.move_deviation
-    )
+    per_sample = misfit * compute_autocorrelation_time(fit.fit.residual, trial.windows.length)
+    return list_uncertain_directions(curvature / per_sample, moves, deviation=RECALIBRATION.move_deviation)

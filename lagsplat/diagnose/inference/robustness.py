@@ -6,17 +6,22 @@ would move by hundreds of standard deviations to close the gap, and `none` would
 misfit counts as noise, and correlated samples count as one.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lagsplat.diagnose.core.config import ROBUSTNESS, DiagnoseConfig
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
 from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.posterior import Judgement, compute_motionless_misfit, judge_hypotheses
+from lagsplat.diagnose.inference.posterior import (
+    GapMeasure,
+    Judgement,
+    compute_motionless_misfit,
+    judge_hypotheses,
+)
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_autocorrelation_time
 
 
@@ -28,16 +33,16 @@ def inflate_noise(
 
     The median over the windows counts: a push by hand in a few of them is no error of the law.
     """
-    window_misfits = [
-        (row[:n] ** 2).mean() for row, n in zip(best.fit.residual, problem.windows.length, strict=True)
-    ]
+    length = problem.windows.length
+    window_misfits = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, length, strict=True)]
     misfit = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(window_misfits)))
     if misfit <= ROBUSTNESS.inflation_misfit * budget.nominal:
         return None
-    correlation = compute_autocorrelation_time(best.fit.residual, problem.windows.length)
-    noise_inflation = max(problem.noise_inflation, misfit * correlation)
-    return replace(problem, noise_inflation=noise_inflation), replace(
-        budget, effective_sample_ratio=max(budget.effective_sample_ratio, correlation)
+    correlation = compute_autocorrelation_time(best.fit.residual, length)
+    ratio = max(budget.settings.effective_sample_ratio, correlation)
+    return (
+        replace(problem, noise_inflation=max(problem.noise_inflation, misfit * correlation)),
+        replace(budget, settings=replace(budget.settings, effective_sample_ratio=ratio)),
     )
 
 
@@ -62,38 +67,38 @@ def check_robustness(
 
     Only the leading effects are fitted again, and the implausibility of the explanation is kept.
     """
-    leading = _leading_fits(ranking, judgement)
+    best = [ranking.best_fit(name) for name in judgement.probabilities]
+    # effects on single samples need no fit
+    refitted = [fit for fit in best if fit is not None and not fit.moves_samples]
+    leading = refitted[: ROBUSTNESS.refitted_effects]
     doubted = Implausibility(judgement.probabilities["unknown"] if judgement.implausibility else 0.0, "loose")
     answers = {}
     for name, perturbed, nominal in _perturbed_problems(problem, budget.nominal):
-        again = replace(budget, nominal=nominal)
-        ranking_again = _judge_again(
-            perturbed, ranking, chain, leading, candidates, again, config, lambda hypothesis: doubted
-        )
-        answers[name] = find_most_probable_name(ranking_again)
-    verdict_name = find_most_probable_name(judgement)
-    agreeing = {verdict_name} | find_confusable(verdict_name)
+        none, *singles = (_refit(perturbed, hypothesis) for hypothesis in (ranking.none, *leading))
+        again = rank_by_evidence(perturbed, none, singles, candidates, replace(budget, nominal=nominal))
+        sets = []
+        for hypothesis in chain:
+            alone = again.best_fit(hypothesis.name) if len(hypothesis.effects) == 1 else None
+            sets.append(alone or _refit(perturbed, hypothesis))
+        answers[name] = judge_hypotheses(
+            again,
+            sets,
+            GapMeasure(perturbed.degrees_of_freedom, nominal, config),
+            most=compute_motionless_misfit(perturbed),
+            doubt=lambda hypothesis: doubted,
+        ).most_probable
+    agreeing = {judgement.most_probable} | find_confusable(judgement.most_probable)
     return RobustnessCheck(
-        sum(hypothesis in agreeing for hypothesis in answers.values()) < ROBUSTNESS.min_agreeing, answers
+        sum(answer in agreeing for answer in answers.values()) < ROBUSTNESS.min_agreeing, answers
     )
 
 
-def find_most_probable_name(judgement: Judgement) -> str:
-    """The most probable name."""
-    return next(iter(judgement.probabilities))
-
-
-def _leading_fits(ranking: ModelRanking, judgement: Judgement) -> list[HypothesisFit]:
-    """The best fits of the most probable names; effects on single samples are left out, they need no fit."""
-    names = [name for name in judgement.probabilities if ranking.best_fit(name) is not None]
-    best = [hypothesis for hypothesis in map(ranking.best_fit, names) if hypothesis is not None]
-    return [hypothesis for hypothesis in best if not _is_sample_noise(hypothesis)][
-        : ROBUSTNESS.refitted_effects
-    ]
-
-
-def _is_sample_noise(hypothesis: HypothesisFit) -> bool:
-    return any(isinstance(placed.effect, SampleEffect) for placed in hypothesis.effects)
+def _refit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
+    """A few more iterations of a fit; one with an effect on single samples stays as it is."""
+    if hypothesis.moves_samples:
+        return hypothesis
+    brief = replace(problem, iterations=ROBUSTNESS.iterations)
+    return replace(hypothesis, fit=brief.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts))
 
 
 def _perturbed_problems(
@@ -101,55 +106,15 @@ def _perturbed_problems(
 ) -> Iterator[tuple[str, EstimationProblem, float]]:
     """Name, perturbed problem, and the nominal misfit in the noise that it assumes."""
     rollout_model, sigma = problem.rollout_model, problem.sigma
+    nuisance, record = rollout_model.nuisance, rollout_model.dataset
     for name, factor in (("half the noise", 0.5), ("twice the noise", 2.0)):
         noise_inflation = max(1.0, problem.noise_inflation / factor**2)
-        yield (
-            name,
-            replace(problem, sigma=factor * sigma, noise_inflation=noise_inflation),
-            max(1.0, nominal / factor**2),
-        )
-    flat = replace(rollout_model.nuisance, warp=ROBUSTNESS.frozen_warp_share * rollout_model.nuisance.warp)
-    yield (
-        "coordinates not bent",
-        replace(problem, rollout_model=replace(rollout_model, nuisance=flat)),
-        nominal,
-    )
+        other = replace(problem, sigma=factor * sigma, noise_inflation=noise_inflation)
+        yield name, other, max(1.0, nominal / factor**2)
+    flat = replace(nuisance, warp=ROBUSTNESS.frozen_warp_share * nuisance.warp)
+    yield "coordinates not bent", problem.with_nuisance(flat), nominal
     for seed in ROBUSTNESS.noise_seeds:
-        noise = np.random.default_rng(seed).normal(0.0, sigma, rollout_model.dataset.q.shape)
-        noisy = replace(
-            rollout_model, dataset=replace(rollout_model.dataset, q=rollout_model.dataset.q + noise)
-        )
+        noise = np.random.default_rng(seed).normal(0.0, sigma, record.q.shape)
+        noisy = replace(rollout_model, dataset=replace(record, q=record.q + noise))
         louder = replace(problem, rollout_model=noisy, sigma=np.sqrt(2.0) * sigma)
         yield f"noise added, seed {seed}", louder, max(1.0, 0.5 * (nominal + 1.0))
-
-
-def _judge_again(
-    shaken: EstimationProblem,
-    ranking: ModelRanking,
-    chain: Sequence[HypothesisFit],
-    leading: Sequence[HypothesisFit],
-    candidates: Sequence[PlacedEffect],
-    budget: SearchBudget,
-    config: DiagnoseConfig,
-    doubt: Callable[[HypothesisFit], Implausibility],
-) -> Judgement:
-    brief = replace(shaken, iterations=ROBUSTNESS.iterations)
-
-    def refit(hypothesis: HypothesisFit) -> HypothesisFit:
-        return replace(hypothesis, fit=brief.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts))
-
-    none, singles = refit(ranking.none), [refit(hypothesis) for hypothesis in leading]
-    ranking_again = rank_by_evidence(shaken, none, singles, candidates, budget, first=True)
-    sets = []
-    for hypothesis in chain:
-        alone = ranking_again.best_fit(hypothesis.name) if len(hypothesis.effects) == 1 else None
-        sets.append(alone or (hypothesis if _is_sample_noise(hypothesis) else refit(hypothesis)))
-    return judge_hypotheses(
-        ranking_again,
-        sets,
-        shaken.degrees_of_freedom,
-        budget.nominal,
-        config,
-        most=compute_motionless_misfit(shaken),
-        doubt=doubt,
-    )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.parameters import HalfNormal
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -37,19 +37,14 @@ def score_test(
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
     prior = problem.prior(effects)
-    residual, derivatives, start_derivatives = differentiate_predictions(
-        problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
-    )
+    linear = differentiate_predictions(problem.predict(effects), fit.x, fit.starts, problem.data, prior.step)
     scores = []
     for candidate in candidates:
-        if isinstance(candidate.effect, SampleEffect):
+        if not candidate.changes_motion:
             continue
-        guesses, columns = _trial_changes(problem, effects, fit, candidate)
-        tried = []
-        for guess, group in zip(guesses, columns, strict=True):
-            gain, amount = _score_gain(fit, residual, derivatives, start_derivatives, prior, group, candidate)
-            x = guess.copy()
-            n = candidate.effect.amplitudes
+        n, tried = candidate.effect.amplitudes, []
+        for x, change in _trial_changes(problem, effects, fit, candidate):
+            gain, amount = _score_gain(fit, linear, prior, change, candidate)
             if n:
                 x[:n] = amount
             tried.append((gain, x))
@@ -61,26 +56,26 @@ def score_test(
 
 def _trial_changes(
     problem: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, candidate: PlacedEffect
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Parameters on the grid of shapes, and the change of the motion by their amplitudes, (W, M,
-    amplitudes)."""
-    effect = candidate.effect
-    shapes = [p.grid for p in effect.parameters[effect.amplitudes :]]
-    grid = list(itertools.product(*shapes)) if candidate.grid is None else list(candidate.grid)
-    n = effect.amplitudes
-    guesses = [
-        np.array([0.0] * n + [p.prior.unknown(g) for p, g in zip(effect.parameters[n:], point, strict=True)])
-        for point in grid
-    ]
-    step = [0.01 * p.prior.deviation for p in effect.parameters[:n]]
-    sets = []
-    for guess in guesses:
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Each point of the grid of shapes, with amplitudes zero, and its change of the motion (W, M, n).
+
+    The change is the derivative by each of the ``n`` amplitudes; without amplitudes it is the full one.
+    """
+    n, parameters = candidate.effect.amplitudes, candidate.effect.parameters
+    grid = candidate.grid
+    if grid is None:
+        grid = tuple(itertools.product(*(p.grid for p in parameters[n:])))
+    step = [0.01 * p.prior.deviation for p in parameters[:n]]
+    points, sets = [], []
+    for point in grid:
+        shape = [p.prior.unknown(value) for p, value in zip(parameters[n:], point, strict=True)]
+        points.append(np.array([0.0] * n + shape))
         for i in range(max(n, 1)):
-            x = guess.copy()
+            x = points[-1].copy()
             if n:
                 x[i] += step[i]
             sets.append(x)
-    known = sum(len(e.effect.parameters) for e in effects)
+    known = sum(placed.size for placed in effects)
     whole = np.stack([np.concatenate([fit.x[:known], x, fit.x[known:]]) for x in sets])
     starts = np.repeat(fit.starts[None], len(whole), axis=0)
     y = problem.predict((*effects, candidate))(whole, starts)
@@ -89,43 +84,35 @@ def _trial_changes(
     far = 1e3 * problem.rollout_model.model.basis.scale
     change = np.clip(np.where(np.isfinite(y), y - y0, 0.0), -far, far) * problem.data.weight
     if n:
-        change /= np.tile(step, len(guesses))[:, None, None, None]
-    each = max(n, 1)
-    flat = change.reshape(len(guesses), each, len(fit.starts), -1).transpose(0, 2, 3, 1)
-    return guesses, list(flat)
+        change /= np.tile(step, len(points))[:, None, None, None]
+    change = change.reshape(len(points), max(n, 1), len(fit.starts), -1).transpose(0, 2, 3, 1)
+    return list(zip(points, change, strict=True))
 
 
 def _score_gain(
     fit: ShootingFit,
-    residual: np.ndarray,
-    derivatives: np.ndarray,
-    start_derivatives: np.ndarray,
+    linear: tuple[np.ndarray, np.ndarray, np.ndarray],
     prior: GaussianPrior,
-    group: np.ndarray,
+    change: np.ndarray,
     candidate: PlacedEffect,
 ) -> tuple[float, np.ndarray]:
-    """Misfit that the best amount of a change removes, and that amount, with all other parameters
-    refitted."""
-    k = derivatives.shape[2]
-    all_derivatives = np.concatenate([derivatives, group], axis=2)
-    curvature, gradient, *_ = eliminate_starts(residual, all_derivatives, start_derivatives)
+    """Misfit that the best amount of a change removes, and that amount, all other parameters refitted."""
+    residual, slopes, start_slopes = linear
+    k, amplitudes = slopes.shape[2], candidate.effect.parameters[: candidate.effect.amplitudes]
+    curvature, gradient, *_ = eliminate_starts(
+        residual, np.concatenate([slopes, change], axis=2), start_slopes
+    )
     # the penalty counts as well: an effect gains by letting the nuisance parameters return
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
-    n = candidate.effect.amplitudes
-    inverse = np.concatenate(
-        [
-            1.0 / prior.deviation**2,
-            [1.0 / p.prior.deviation**2 for p in candidate.effect.parameters[:n]] or [1.0],
-        ]
-    )
-    h = curvature + np.diag(inverse)
+    own = [1.0 / p.prior.deviation**2 for p in amplitudes] or [1.0]
+    h = curvature + np.diag(np.concatenate([1.0 / prior.deviation**2, own]))
     nuisance_moves = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
     amount_curvature = h[k:, k:] - h[k:, :k] @ nuisance_moves[:, :-1]
     amount_gradient = gradient[k:] - h[k:, :k] @ nuisance_moves[:, -1]
     amount = np.linalg.lstsq(amount_curvature, amount_gradient, rcond=1e-10)[0]
-    if n == 0:
+    if not amplitudes:
         amount = np.clip(amount, 0.0, 1.0)
-    for i, p in enumerate(candidate.effect.parameters[:n]):
+    for i, p in enumerate(amplitudes):
         if isinstance(p.prior, HalfNormal):
             amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
         amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)

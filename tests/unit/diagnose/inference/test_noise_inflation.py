@@ -26,7 +26,7 @@ def odd() -> EstimationProblem:
 
 
 def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProblem) -> None:
-    effort = SearchBudget.of(settings(), nominal=1.0)
+    effort = SearchBudget(settings(), nominal=1.0)
     none = plain(odd)
     wide = inflate_noise(odd, effort, none)
     assert wide is not None
@@ -35,7 +35,9 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
     left, alike = np.median(each), compute_autocorrelation_time(none.fit.residual, odd.windows.length)
     assert left > 100.0
     assert dear.noise_inflation == pytest.approx(left * alike)
-    assert effort_there.effective_sample_ratio == pytest.approx(max(effort.effective_sample_ratio, alike))
+    assert effort_there.settings.effective_sample_ratio == pytest.approx(
+        max(effort.settings.effective_sample_ratio, alike)
+    )
     deviation = odd.rollout_model.nuisance.deviation
 
     def far(one: HypothesisFit) -> float:
@@ -48,15 +50,13 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
 
 def test_near_the_noise_nothing_changes() -> None:
     quiet = contest([film(u=wave(), noise=0.01, seconds=8.0)])
-    assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), plain(quiet)) is None
+    assert inflate_noise(quiet, SearchBudget(settings(), nominal=1.0), plain(quiet)) is None
 
 
 def test_a_sim_that_misses_its_own_recordings_is_not_asked_for_more(odd: EstimationProblem) -> None:
     none = plain(odd)
     assert (
-        inflate_noise(
-            odd, SearchBudget.of(settings(), nominal=none.fit.misfit / odd.degrees_of_freedom), none
-        )
+        inflate_noise(odd, SearchBudget(settings(), nominal=none.fit.misfit / odd.degrees_of_freedom), none)
         is None
     )
 
@@ -69,4 +69,4 @@ def test_a_push_in_one_stretch_says_nothing_of_the_law() -> None:
     residual[2] *= 30.0
     loud = replace(none, fit=replace(none.fit, residual=residual, misfit=float((residual**2).sum())))
     assert loud.fit.misfit > 10.0 * quiet.degrees_of_freedom
-    assert inflate_noise(quiet, SearchBudget.of(settings(), nominal=1.0), loud) is None
+    assert inflate_noise(quiet, SearchBudget(settings(), nominal=1.0), loud) is None

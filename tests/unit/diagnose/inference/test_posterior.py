@@ -7,18 +7,19 @@ import pytest
 
 from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.effects.parameters import HalfNormal, Normal, Scales
+from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit
+from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import (
-    compute_laplace_interval,
+    GapMeasure,
     find_equivalent_effects,
     judge_hypotheses,
     log_posteriors,
 )
 from lagsplat.diagnose.inference.problem import HypothesisFit
+from lagsplat.diagnose.inference.profile_likelihood import compute_laplace_interval
 from tests.unit.diagnose.toys import settings
 
 FREEDOM = 1000.0
@@ -44,7 +45,7 @@ def ranking(*found: HypothesisFit, none: float) -> ModelRanking:
 
 
 def told(rows: ModelRanking, *chain: HypothesisFit):  # the judgement under the usual settings
-    return judge_hypotheses(rows, chain, FREEDOM, 1.0, settings())
+    return judge_hypotheses(rows, chain, GapMeasure(FREEDOM, 1.0, settings()))
 
 
 def test_a_gap_that_one_effect_explains_is_that_effect() -> None:
@@ -76,7 +77,7 @@ def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None
     push = one("external_push", 900.0, 9000.0)
     rows = ranking(push, none=1e12)
     assert told(rows, push).verdict == "effect"
-    within = judge_hypotheses(rows, (push,), FREEDOM, 1.0, settings(), most=10000.0)
+    within = judge_hypotheses(rows, (push,), GapMeasure(FREEDOM, 1.0, settings()), most=10000.0)
     assert within.verdict == "unknown"
     assert within.unexplained == pytest.approx(0.9, abs=0.01)
 
@@ -84,12 +85,11 @@ def test_a_sim_that_runs_off_misses_no_more_than_one_that_stands_still() -> None
 def test_creep_that_never_comes_to_rest_is_a_spring() -> None:
     """As evident as a stiffness, it is as likely; not so if it takes as long as the recording."""
     spring, creep = one("linear_stiffness", 90.0), one("creep", 90.0)
-    names = ["linear_stiffness", "creep"]
-    alike = log_posteriors(ranking(spring, creep, none=3.0), names, settings())
+    alike = log_posteriors(ranking(spring, creep, none=3.0), settings())
     assert alike["creep"] == pytest.approx(alike["linear_stiffness"])
     slow = np.array([0.0, creep.effects[0].effect.parameters[1].prior.unknown(8.0)])
     late = replace(creep, fit=replace(creep.fit, x=slow))
-    told = log_posteriors(ranking(spring, late, none=3.0), names, settings())
+    told = log_posteriors(ranking(spring, late, none=3.0), settings())
     assert told["creep"] < told["linear_stiffness"] - 3.0
 
 
@@ -125,9 +125,7 @@ def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
     said = judge_hypotheses(
         ranking(best, none=3.0),
         [best],
-        FREEDOM,
-        1.0,
-        settings(),
+        GapMeasure(FREEDOM, 1.0, settings()),
         doubt=lambda one: Implausibility(0.8, "loose"),
     )
     assert (said.verdict, said.implausibility) == ("unknown", "loose")
@@ -137,9 +135,7 @@ def test_doubt_in_the_best_explanation_or_in_none_speaks_for_unknown() -> None:
     said = judge_hypotheses(
         nothing,
         [],
-        FREEDOM,
-        1.0,
-        settings(),
+        GapMeasure(FREEDOM, 1.0, settings()),
         doubt=lambda one: asked.append(one) or Implausibility(0.9, "loose"),
     )
     assert said.verdict == "unknown"
@@ -176,7 +172,7 @@ def test_probabilities_are_a_distribution_over_the_catalogue_none_and_unknown() 
 def test_what_is_left_out_of_the_catalogue_gets_no_probability() -> None:
     config = replace(settings(), without=["creep"])
     best = one("coulomb_friction", 50.0)
-    said = judge_hypotheses(ranking(best, none=2.0), [best], FREEDOM, 1.0, config)
+    said = judge_hypotheses(ranking(best, none=2.0), [best], GapMeasure(FREEDOM, 1.0, config))
     assert "creep" not in said.probabilities
 
 
@@ -201,8 +197,7 @@ def test_intervals_are_laplaces_made_wider_and_respect_the_bound() -> None:
     fit = replace(fitted(1.0, 3), x=np.array([0.1, 2.0, 0.0]), curvature=np.diag([400.0, 100.0, 1.0]))
     low, high = compute_laplace_interval(
         HypothesisFit((PlacedEffect(catalogue()["external_periodic_force"], UNIT),), fit),
-        np.zeros(0),
-        [HalfNormal(1e3), Normal(1e3), Normal(1e3)],
+        GaussianPrior(np.zeros(3), np.full(3, 1e3), np.array([0.0, -np.inf, -np.inf]), np.ones(3)),
         noise_inflation=4.0,
     )
     near, far = (
