@@ -23,6 +23,9 @@ PAGE_IN = 7.0
 # Okabe and Ito's palette, for readers with any common colour vision.
 ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
 INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
+INK = "#222222"
+ALONG_X, ALONG_Y = ("data", "axes fraction"), ("axes fraction", "data")
+"""Coordinates of a text: data along one direction, and the share of the axis along the other."""
 SVG_LAYOUT_PASSES = 3
 SVG_PAD_IN = 0.09
 MAX_PLAIN_POWER = 3  # largest power of ten that is written out
@@ -30,7 +33,7 @@ MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Type, lines and vector text of a two-column paper, inside the block only."""
+    """Type, lines and vector text of a two-column paper, inside the block or the decorated function only."""
     settings: dict[str, object] = {
         "font.family": "DejaVu Sans",
         "font.size": 7.0,
@@ -58,7 +61,7 @@ def paper_style() -> Iterator[None]:
         yield
 
 
-def new_figure(width_in: float, height_in: float, *, title: str) -> Figure:
+def new_figure(width_in: float, height_in: float, *, title: str = "") -> Figure:
     """Create an empty figure with its caption line; call it within `paper_style`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
@@ -87,25 +90,10 @@ def add_colorbar(figure: Figure, image: Any, axes: Any, label: str, **settings: 
 
 
 def annotate(
-    axis: Axes,
-    text: str,
-    point: tuple[Any, Any],
-    *,
-    at: Any = "data",
-    offset: tuple[int, int] = (0, 0),
-    **style: Any,
+    axis: Axes, text: str, point: tuple[Any, Any], offset: tuple[int, int] = (0, 0), **style: Any
 ) -> None:
-    """Write ``text`` at a point of an axis.
-
-    Args:
-        axis: where to write.
-        text: what to write.
-        point: in the coordinates ``at``.
-        at: ``"data"``, ``"axes fraction"``, or one of the two for each direction.
-        offset: distance from the point, to the right and up [points].
-        style: as of `Axes.annotate`.
-    """
-    axis.annotate(text, point, offset, xycoords=at, textcoords="offset points", **style)
+    """Write ``text`` at a point of an axis, ``offset`` points to the right and up; ``style`` as there."""
+    axis.annotate(text, point, offset, textcoords="offset points", **style)
 
 
 def place_legend_above(axis: Axes, columns: int, height: float = 1.0) -> None:

@@ -14,19 +14,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64, UInt8
 
-from lagsplat.diagnose.core.result import Block, Diagnosis
+from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
-from lagsplat.report.common.formatting import format_percent
 
 SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
 """Checks that have a function of their own; `read_measures` gives the others."""
-SEVERITY = {"refuse": 0, "undetermined": 1, "warn": 2}
-REQUIRED_FIELDS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region")
-"""Fields of ``where`` in every `diagnosis.json`."""
-OPTIONAL_FIELDS = ("components", "memory_index", "evidence")
-MIN_EVENT_SHARE = 0.5  # share of the residual from which the summary mentions a short event
+WHERE_KEYS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region", "components")
 FORECAST_KINDS = ("real", "sim", "augmented")
 
 
@@ -74,14 +69,11 @@ class VideoComparison:
 class ReportContent:
     """What a report shows beside the diagnosis itself; every part may be missing.
 
-    ``stages`` of the error budget and ``maps_after`` are as `lagsplat.diagnose.residual` computes them;
-    ``steps`` (label, gap) lie between the refit sim and the last effect. ``command`` and ``digests`` say how
-    the diagnosis was made, ``stamp`` with which code and libraries.
+    ``stages`` of the error budget are as `lagsplat.diagnose.residual` computes them. ``command`` says how the
+    diagnosis was made, ``stamp`` with which code and libraries.
     """
 
     stages: tuple[Any, ...] = ()
-    steps: tuple[tuple[str, float], ...] = ()
-    maps_after: tuple[Any, ...] = ()
     separability: Separability | None = None
     profiles: tuple[ProfileLikelihood, ...] = ()
     correlations: ResidualCorrelations | None = None
@@ -89,49 +81,20 @@ class ReportContent:
     image_force: ImageForceMap | None = None
     video: VideoComparison | None = None
     command: str = ""
-    digests: Mapping[str, str] = field(default_factory=dict)
     stamp: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class DataFinding:
-    """One finding of the checks of the data: its ``level``, the file it concerns, and three sentences."""
-
-    level: str
-    source: str
-    what: str
-    why: str
-    remedy: str
+def list_findings(diagnosis: Diagnosis) -> list[Mapping[str, Any]]:
+    """List the fields of each `Finding` on the data, the gravest first; none where there were no checks."""
+    severity = {level: number for number, level in enumerate(LEVELS)}
+    findings = diagnosis.checks.get("findings", ())
+    return sorted(findings, key=lambda finding: severity.get(finding["level"], len(severity)))
 
 
-@dataclass(frozen=True)
-class EffectExcitation:
-    """Whether a recording can show one effect ("yes", "weak" or "no"), why, and what to record instead."""
-
-    effect: str
-    excited: str
-    reason: str
-    record: str
-
-
-def read_findings(diagnosis: Diagnosis) -> list[DataFinding]:
-    """Read the findings in ``checks["findings"]``, the gravest first; none where there were no checks."""
-    rows = [_read_fields(row) for row in diagnosis.checks.get("findings") or ()]
-    names = ("level", "source", "what", "why", "remedy")
-    findings = [DataFinding(*(str(row.get(name) or "") for name in names)) for row in rows]
-    return sorted(findings, key=lambda finding: SEVERITY.get(finding.level, len(SEVERITY)))
-
-
-def read_excitations(diagnosis: Diagnosis) -> list[EffectExcitation]:
-    """Read from ``checks["excitation"]`` which effects the recording can show; none where not computed."""
-    rows = [_read_fields(row) for row in diagnosis.checks.get("excitation") or ()]
-    names = ("effect", "excited", "reason", "record")
-    return [EffectExcitation(*(str(row.get(name) or "") for name in names)) for row in rows]
-
-
-def select_effects(rows: Sequence[EffectExcitation], grade: str) -> list[str]:
-    """Select the names of the effects of one grade."""
-    return [row.effect for row in rows if row.excited == grade]
+def list_excited(diagnosis: Diagnosis, grade: str) -> list[str]:
+    """List the effects that the recording shows well ("yes"), weakly ("weak") or not at all ("no")."""
+    rows = diagnosis.checks.get("excitation", ())
+    return [row["effect"] for row in rows if row["excited"] == grade]
 
 
 def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -148,61 +111,27 @@ def read_measures(diagnosis: Diagnosis) -> dict[str, Any]:
     return {str(name): to_plain_data(value) for name, value in checks if name not in SEPARATE_CHECKS}
 
 
-def explain_undecided(diagnosis: Diagnosis) -> list[str]:
-    """Explain why nothing can be decided, the main reason first; one general sentence without a reason."""
-    given = diagnosis.checks.get("undetermined") or ()
-    reasons = [given] if isinstance(given, str) else [str(reason) for reason in given]
-    findings = [finding for finding in read_findings(diagnosis) if finding.level == "undetermined"]
-    reasons = reasons or [f"{finding.what}; {finding.why}" for finding in findings]
-    general = "the candidates explain the recording about equally well"
-    return reasons or list(diagnosis.warnings[:1]) or [general]
+def read_location(diagnosis: Diagnosis) -> Mapping[str, Any]:
+    """Read where the gap lies, an object or a mapping, as a mapping; empty where it was not located."""
+    where = diagnosis.where
+    return where if isinstance(where, Mapping) else {} if where is None else vars(where)
 
 
-def _read_fields(row: Any) -> Mapping[str, Any]:
-    fields_of_row = to_plain_data(row)
-    if not isinstance(fields_of_row, Mapping):
-        raise TypeError(f"a check must have named fields, but is {row!r}")
-    return fields_of_row
+def list_missing_fields(diagnosis: Diagnosis) -> list[str]:
+    """List what was not located; an image region of None only says that there are no images."""
+    location = read_location(diagnosis)
+    if "not_computed" in location:
+        return list(location["not_computed"])
+    known = {name for name, value in location.items() if value is not None or name == "image_region"}
+    return [name for name in WHERE_KEYS if name not in known]
 
 
-def get_location(where: Any, name: str) -> Any:
-    """Get one field of ``where``, an object or a mapping; None where it was not computed."""
-    if isinstance(where, Mapping):
-        return where.get(name)
-    return getattr(where, name, None)
-
-
-def list_missing_fields(where: Any) -> tuple[str, ...]:
-    """List the fields that are missing; an image region of None only says that there are no images."""
-    if isinstance(where, Mapping) and "not_computed" in where:
-        return tuple(where["not_computed"])
-    absent = object()
-
-    def has(name: str) -> bool:
-        value = where.get(name, absent) if isinstance(where, Mapping) else getattr(where, name, absent)
-        return value is not absent and (value is not None or name == "image_region")
-
-    return tuple(name for name in (*REQUIRED_FIELDS, "components") if not has(name))
-
-
-def find_main_coordinate(where: Any) -> str | None:
+def find_main_coordinate(diagnosis: Diagnosis) -> str | None:
     """Find the coordinate with the largest share of the residual; None where none has any."""
-    shares = get_location(where, "coordinates") or {}
+    shares = read_location(diagnosis).get("coordinates") or {}
     if not shares or max(shares.values()) <= 0.0:
         return None
     return str(max(shares, key=lambda name: shares[name]))
-
-
-def describe_event(where: Any, period_s: float) -> str:
-    """Describe when most of the residual acts, if that is within a natural period [s]; else empty."""
-    events = get_location(where, "time_s") or ()
-    if not events:
-        return ""
-    file, start_s, end_s, share = events[0]
-    if share < MIN_EVENT_SHARE or not end_s - start_s < period_s:
-        return ""
-    percent = format_percent(share)
-    return f" {percent} of what is missing acts between {start_s:.4g} and {end_s:.4g} s of {file}."
 
 
 def build_rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()) -> pd.DataFrame:
@@ -218,16 +147,14 @@ def build_rollouts_table(blocks: Sequence[Block], *, q_names: Sequence[str] = ()
     if len(widths) > 1:
         raise ValueError(f"rollouts of {sorted(widths)} coordinates; all blocks and names must have as many")
     names = tuple(q_names) or tuple(f"q{i}" for i in range(max(widths, default=1)))
-    columns = ["file", "block", "t", *(f"{name}_{kind}" for kind in FORECAST_KINDS for name in names)]
+    columns = [f"{name}_{kind}" for kind in FORECAST_KINDS for name in names]
     parts = []
     for block in blocks:
-        paths = np.concatenate([getattr(block, kind) for kind in FORECAST_KINDS], axis=1)
-        part = pd.DataFrame(paths, columns=columns[3:])
-        part.insert(0, "t", block.time_s)
-        part.insert(0, "block", block.index)
-        part.insert(0, "file", block.file)
-        parts.append(part)
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+        motions = np.concatenate([getattr(block, kind) for kind in FORECAST_KINDS], axis=1)
+        place = pd.DataFrame({"file": block.file, "block": block.index, "t": block.time_s})
+        parts.append(place.join(pd.DataFrame(motions, columns=columns)))
+    empty = pd.DataFrame(columns=["file", "block", "t", *columns])
+    return pd.concat(parts, ignore_index=True) if parts else empty
 
 
 def save_rollouts(
@@ -239,40 +166,16 @@ def save_rollouts(
         table.to_csv(temporary, index=False)
 
 
-def load_rollouts(path: str | os.PathLike[str]) -> tuple[tuple[Block, ...], tuple[str, ...]]:
-    """Load the blocks of a file and the names of their coordinates.
-
-    Raises:
-        ValueError: the columns are not those of rollouts.
-    """
-    table = pd.read_csv(path, dtype={"file": str})
-    names = tuple(str(name).removesuffix("_real") for name in table.columns if str(name).endswith("_real"))
-    wanted = ["file", "block", "t", *(f"{name}_{kind}" for kind in FORECAST_KINDS for name in names)]
-    if list(table.columns) != wanted or not names:
-        raise ValueError(
-            f"{os.fspath(path)} has columns {list(table.columns)}; rollouts have "
-            "file, block, t, then q*_real, q*_sim and q*_augmented of the same coordinates"
-        )
-    blocks = []
-    for (file, index), part in table.groupby(["file", "block"], sort=False):
-        real, sim, augmented = (
-            part[[f"{name}_{kind}" for name in names]].to_numpy(dtype=np.float64) for kind in FORECAST_KINDS
-        )
-        time_s = part["t"].to_numpy(dtype=np.float64)
-        blocks.append(Block(str(file), int(str(index)), time_s, real, sim, augmented))
-    return tuple(blocks), names
-
-
 def to_plain_data(value: Any) -> Any:
     """Convert to what JSON can hold: dictionaries and lists, with None in the place of infinity and NaN.
 
     Raises:
         TypeError: something that has no such form.
     """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
     if value is None or isinstance(value, str | bool | int):
         return value
-    if isinstance(value, np.generic):
-        return to_plain_data(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if is_dataclass(value) and not isinstance(value, type):
@@ -280,11 +183,7 @@ def to_plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): to_plain_data(element) for key, element in value.items()}
     if isinstance(value, set | frozenset):
-        return [to_plain_data(element) for element in sorted(value)]
+        value = sorted(value)
     if isinstance(value, list | tuple):
         return [to_plain_data(element) for element in value]
-    if isinstance(value, np.ndarray):
-        return to_plain_data(value.tolist())
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
     raise TypeError(f"a {type(value).__name__} has no place in JSON; give numbers, texts, lists or mappings")

@@ -2,7 +2,7 @@
 
 import base64
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -13,24 +13,14 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.report.common import style
 from lagsplat.report.common.formatting import format_percent
-from lagsplat.report.common.style import (
-    ENCODED,
-    PAGE_IN,
-    PREDICTED,
-    QUIET,
-    add_colorbar,
-    annotate,
-    new_figure,
-    paper_style,
-    place_legend_above,
-)
 from lagsplat.report.diagnosis.content import (
     ImageErrorMap,
     ImageForceMap,
     ReportContent,
     VideoComparison,
-    get_location,
+    read_location,
 )
 from lagsplat.report.diagnosis.figure_residual import get_coordinate_name
 
@@ -44,28 +34,31 @@ STATE_COLOURS = "PuOr_r"  # for readers with any colour vision, and light in the
 UNVISITED_COLOUR = "#EEEEEE"
 
 
+@style.paper_style()
 def draw_image_maps(content: ReportContent) -> Figure | None:
     """Draw the excess error over a frame, and how well a force on each point explains the residual.
 
     None where neither was computed.
     """
-    gap, force = content.image_error, content.image_force
-    if gap is None and force is None:
+    error, force = content.image_error, content.image_force
+    frames = [part.frame for part in (error, force) if part is not None]
+    if not frames:
         return None
-    shape = (gap.frame if gap is not None else force.frame).shape  # type: ignore[union-attr]
-    width_in = 0.5 * (PAGE_IN - 0.9)
-    with paper_style():
-        figure = new_figure(PAGE_IN, min(0.4 + width_in * shape[0] / shape[1], 4.5), title="")
-        axes = figure.subplots(1, 2)
-        if gap is None:
-            _draw_empty(axes[0], "no images of the sim to compare")
-        else:
-            _draw_excess(figure, axes[0], gap)
-        if force is None:
-            _draw_empty(axes[1], "force not placed")
-        else:
-            _draw_force(figure, axes[1], force)
-        return figure
+    height, width = frames[0].shape[:2]
+    height_in = 0.4 + 0.5 * (style.PAGE_IN - 0.9) * height / width
+    figure = style.new_figure(style.PAGE_IN, min(height_in, 4.5))
+    axes = figure.subplots(1, 2)
+    for axis in axes:
+        axis.set(xticks=[], yticks=[])
+    if error is None:
+        _draw_empty(axes[0], "no images of the sim to compare")
+    else:
+        _draw_excess(figure, axes[0], error)
+    if force is None:
+        _draw_empty(axes[1], "force not placed")
+    else:
+        _draw_force(figure, axes[1], force)
+    return figure
 
 
 def encode_video_uri(video: VideoComparison) -> str:
@@ -90,9 +83,7 @@ def encode_video_uri(video: VideoComparison) -> str:
     animation.loop_count = 0
     success, encoded = cv2.imencodeanimation(".webp", animation, [cv2.IMWRITE_WEBP_QUALITY, 80])
     if not success:
-        raise ValueError(
-            f"{len(animation.frames)} frames of {video.real.shape[1:]} could not be encoded as a video"
-        )
+        raise ValueError(f"{len(animation.frames)} frames of {video.real.shape[1:]} make no video")
     return "data:image/webp;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
@@ -108,34 +99,35 @@ def _join_frames(frames: tuple[UInt8[np.ndarray, "H W 3"], ...]) -> UInt8[np.nda
     return np.ascontiguousarray(joined[..., ::-1])  # OpenCV's order of colours
 
 
-def _draw_excess(figure: Figure, axis: Any, gap: ImageErrorMap) -> None:
-    _draw_background(axis, gap.frame)
-    reach = max(float(np.max(gap.excess)), 1e-300)
-    shown = np.clip(gap.excess / reach, 0.0, 1.0)
+def _draw_excess(figure: Figure, axis: Any, error: ImageErrorMap) -> None:
+    _draw_background(axis, error.frame)
+    reach = max(float(np.max(error.excess)), 1e-300)
+    shown = np.clip(error.excess / reach, 0.0, 1.0)
     image = axis.imshow(shown, cmap=IMAGE_COLOURS, alpha=np.clip(1.5 * shown, 0.0, 0.9), vmin=0.0, vmax=1.0)
-    for left, top, right, bottom, share in gap.parts:
+    for left, top, right, bottom, share in error.parts:
         corner = (left - 0.5, top - 0.5)
-        axis.add_patch(Rectangle(corner, right - left, bottom - top, fill=False, edgecolor=PREDICTED))
-        above = top > 0.1 * gap.excess.shape[0]
-        annotate(
+        axis.add_patch(Rectangle(corner, right - left, bottom - top, fill=False, edgecolor=style.PREDICTED))
+        above = top > 0.1 * error.excess.shape[0]
+        style.annotate(
             axis,
             format_percent(share),
             (left, top if above else bottom),
-            offset=(0, 2 if above else -2),
-            color=PREDICTED,
+            (0, 2 if above else -2),
+            color=style.PREDICTED,
             va="bottom" if above else "top",
             fontsize=6,
             path_effects=[Stroke(linewidth=1.5, foreground="white"), Normal()],
         )
     axis.set_title("excess error of the sim's images", loc="left", pad=2)
-    add_colorbar(figure, image, axis, "of its maximum", shrink=0.8, aspect=18).outline.set_linewidth(0.5)
+    style.add_colorbar(figure, image, axis, "of its maximum", shrink=0.8, aspect=18)
 
 
 def _draw_force(figure: Figure, axis: Any, force: ImageForceMap) -> None:
     _draw_background(axis, force.frame)
+    shown = np.clip(force.explained, 0.0, 1.0)
     image = axis.scatter(
         *force.points.T,
-        c=np.clip(force.explained, 0.0, 1.0),
+        c=shown,
         cmap=IMAGE_COLOURS,
         s=14,
         vmin=0.0,
@@ -147,162 +139,93 @@ def _draw_force(figure: Figure, axis: Any, force: ImageForceMap) -> None:
     if force.localisable and len(force.near):
         near = list(force.near)
         longest = max(float(np.linalg.norm(force.forces[near], axis=1).max()), 1e-300)
-        length = 0.25 * max(force.frame.shape[:2]) / longest
-        arrows = length * force.forces[near]
+        arrows = 0.25 * max(force.frame.shape[:2]) / longest * force.forces[near]
         axis.quiver(
             *force.points[near].T,
-            arrows[:, 0],
-            arrows[:, 1],
+            *arrows.T,
             angles="xy",
             scale_units="xy",
             scale=1.0,
-            color=PREDICTED,
+            color=style.PREDICTED,
             width=0.01,
             zorder=3,
         )
     else:
         title += "\nnot localisable: the motion does not distinguish the points"
     axis.set_title(title, loc="left", pad=2)
-    add_colorbar(figure, image, axis, "share explained", shrink=0.8, aspect=18).outline.set_linewidth(0.5)
+    style.add_colorbar(figure, image, axis, "share explained", shrink=0.8, aspect=18)
 
 
 def _draw_background(axis: Any, frame: np.ndarray) -> None:
     grey = frame.mean(axis=2) / 255.0
     # Pale, so that colours on it keep their meaning.
     axis.imshow(0.5 + 0.5 * grey, cmap="gray", vmin=0.0, vmax=1.0)
-    axis.set(xticks=[], yticks=[])
-    axis.spines[:].set_visible(True)
-    axis.spines[:].set_color(QUIET)
+    axis.spines[:].set(visible=True, color=style.QUIET)
 
 
 def _draw_empty(axis: Any, text: str) -> None:
-    annotate(axis, text, (0.5, 0.5), at="axes fraction", ha="center", color=QUIET)
-    axis.set(xticks=[], yticks=[])
+    style.annotate(axis, text, (0.5, 0.5), xycoords="axes fraction", ha="center", color=style.QUIET)
     axis.spines[:].set_visible(False)
 
 
-def draw_state_maps(diagnosis: Diagnosis, content: ReportContent) -> Figure | None:
+@style.paper_style()
+def draw_state_maps(diagnosis: Diagnosis) -> Figure | None:
     """Draw the mean residual acceleration over position and velocity, and along one; None without maps."""
-    before = list(get_location(diagnosis.where, "maps") or ())
-    after = list(content.maps_after)
-    shares = get_location(diagnosis.where, "coordinates") or {}
-    mapped = {state_map.coordinate for state_map in before}
-    order = sorted(mapped, key=lambda i: (-shares.get(get_coordinate_name(diagnosis, i), 0.0), i))[
-        :MAX_COORDINATES
-    ]
-    if not order:
+    location = read_location(diagnosis)
+    maps, shares = location.get("maps") or (), location.get("coordinates") or {}
+    names = {state_map.coordinate: get_coordinate_name(diagnosis, state_map.coordinate) for state_map in maps}
+    mapped = sorted(names, key=lambda i: (-shares.get(names[i], 0.0), i))[:MAX_COORDINATES]
+    if not mapped:
         return None
-    columns = 3 if after else 2
-    with paper_style():
-        figure = new_figure(PAGE_IN, 0.25 + 1.75 * len(order), title="")
-        axes = figure.subplots(len(order), columns, squeeze=False)
-        for row, at in zip(axes, order, strict=True):
-            flat = [
-                state_map
-                for state_map in before
-                if state_map.coordinate == at and len(state_map.velocity_edges) > 2
-            ]
-            flat_after = [
-                state_map
-                for state_map in after
-                if state_map.coordinate == at and len(state_map.velocity_edges) > 2
-            ]
-            name = get_coordinate_name(diagnosis, at)
-            reach = max(
-                (float(np.nanmax(np.abs(state_map.mean))) for state_map in flat[:1] if _has_data(state_map)),
-                default=0.0,
-            )
-            panels = [("sim", flat)] + ([("sim with effects", flat_after)] if after else [])
-            image = None
-            for axis, (title, maps) in zip(row, panels, strict=False):
-                image = _draw_map(axis, maps, reach, name, title) or image
-            if regions := (get_location(diagnosis.where, "state_region") or {}).get(name):
-                _draw_regions(row[0], regions)
-            if image is not None:
-                label = f"real − sim ({name}/s²)"
-                bar = add_colorbar(figure, image, list(row[: columns - 1]), label, aspect=12)
-                bar.outline.set_linewidth(0.5)
-            _draw_profile(
-                row[-1],
-                [state_map for state_map in before if state_map.coordinate == at],
-                [state_map for state_map in after if state_map.coordinate == at],
-                name,
-            )
-        return figure
+    figure = style.new_figure(style.PAGE_IN, 0.25 + 1.75 * len(mapped))
+    axes = figure.subplots(len(mapped), 2, squeeze=False)
+    for (left, right), coordinate in zip(axes, mapped, strict=True):
+        name = names[coordinate]
+        own = [state_map for state_map in maps if state_map.coordinate == coordinate]
+        image = _draw_map(left, [each for each in own if len(each.velocity_edges) > 2], name)
+        for region in (location.get("state_region") or {}).get(name, ()):
+            _draw_region(left, region)
+        if image is not None:
+            style.add_colorbar(figure, image, [left], f"real − sim ({name}/s²)", aspect=12)
+        _draw_profile(right, max(own, key=lambda each: len(each.velocity_edges)), name)
+    return figure
 
 
-def _has_data(state_map: Any) -> bool:
-    return bool(np.isfinite(state_map.mean).any())
-
-
-def _draw_map(axis: Any, maps: Sequence[Any], reach: float, name: str, title: str) -> Any:
-    axis.set_title(title, loc="left", pad=2)
+def _draw_map(axis: Any, maps: Sequence[Any], name: str) -> Any:
+    axis.set_title("sim", loc="left", pad=2)
     axis.set(xlabel=name, ylabel=f"{name} rate (1/s)")
     axis.set_facecolor(UNVISITED_COLOUR)
-    if not maps or not _has_data(maps[0]):
-        annotate(axis, "not computed", (0.5, 0.5), at="axes fraction", ha="center")
+    if not maps or not np.isfinite(maps[0].mean).any():
+        style.annotate(axis, "not computed", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return None
-    first = maps[0]
-    reach = reach or 1.0
-    image = axis.pcolormesh(
-        first.position_edges,
-        first.velocity_edges,
-        np.ma.masked_invalid(first.mean).T,
-        cmap=STATE_COLOURS,
-        vmin=-reach,
-        vmax=reach,
-        antialiased=False,
-    )
-    rows, columns = np.nonzero((np.abs(first.score) > SIGNIFICANT_FROM) & np.isfinite(first.mean))
-    middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (first.position_edges, first.velocity_edges)]
-    axis.plot(middle[0][rows], middle[1][columns], ".", color="black", markersize=1.5)
+    x, y, mean = maps[0].position_edges, maps[0].velocity_edges, maps[0].mean
+    reach = float(np.nanmax(np.abs(mean))) or 1.0
+    values = np.ma.masked_invalid(mean).T
+    image = axis.pcolormesh(x, y, values, cmap=STATE_COLOURS, vmin=-reach, vmax=reach, antialiased=False)
+    rows, columns = np.nonzero((np.abs(maps[0].score) > SIGNIFICANT_FROM) & np.isfinite(mean))
+    middles = [0.5 * (edges[1:] + edges[:-1]) for edges in (x, y)]
+    axis.plot(middles[0][rows], middles[1][columns], ".", color="black", markersize=1.5)
     return image
 
 
-def _draw_regions(axis: Any, regions: Sequence[Any]) -> None:
-    """Frame the regions in which the residual keeps its sign."""
-    for region in regions:
-        position, velocity = region.get("position"), region.get("velocity")
-        if not position or not velocity:
-            continue
-        corner = (position[0], velocity[0])
+def _draw_region(axis: Any, region: Mapping[str, Any]) -> None:
+    """Frame a region in which the residual keeps its sign."""
+    position, velocity = region.get("position"), region.get("velocity")
+    if position and velocity:
         size = (position[1] - position[0], velocity[1] - velocity[0])
+        corner = (position[0], velocity[0])
         axis.add_patch(Rectangle(corner, *size, fill=False, edgecolor="black", linewidth=0.9))
 
 
-def _draw_profile(axis: Any, before: Sequence[Any], after: Sequence[Any], name: str) -> None:
+def _draw_profile(axis: Any, finest: Any, name: str) -> None:
     """Draw the mean along position or along velocity, whichever the residual varies with more."""
-    first = _average_along(before)
-    along = max(first, key=lambda key: float(np.ptp(first[key][1])) if len(first[key][1]) else 0.0)
-    for marginals, label, color, line in (
-        (first, "sim", PREDICTED, (0, (4, 1.5))),
-        (_average_along(after) if after else {}, "sim with effects", ENCODED, "-"),
-    ):
-        if along in marginals:
-            _draw_steps(axis, *marginals[along], label, color, line)
-    axis.axhline(0.0, color="black", linewidth=0.5)
-    axis.set(xlabel=name if along == "position" else f"{name} rate (1/s)", ylabel=f"real − sim ({name}/s²)")
-    place_legend_above(axis, 2)
-
-
-def _average_along(maps: Sequence[Any]) -> dict[str, tuple[np.ndarray, np.ma.MaskedArray]]:
-    """Edges and mean residual along position, and along velocity where a map has both."""
-    finest = max(maps, key=lambda state_map: len(state_map.velocity_edges))
     mean = np.ma.masked_invalid(finest.mean)
-    profiles = {"position": (finest.position_edges, mean.mean(axis=1))}
+    profiles = [(finest.position_edges, mean.mean(axis=1), name)]
     if len(finest.velocity_edges) > 2:
-        profiles["velocity"] = (finest.velocity_edges, mean.mean(axis=0))
-    return profiles
-
-
-def _draw_steps(
-    axis: Any, edges: np.ndarray, mean: np.ma.MaskedArray, label: str, color: str, line: Any
-) -> None:
-    axis.stairs(
-        np.ma.filled(mean.astype(float), np.nan),
-        edges,
-        baseline=None,
-        label=label,
-        color=color,
-        linestyle=line,
-    )
+        profiles.append((finest.velocity_edges, mean.mean(axis=0), f"{name} rate (1/s)"))
+    edges, values, label = max(profiles, key=lambda profile: float(np.ptp(profile[1])))
+    values = np.ma.filled(values.astype(float), np.nan)
+    axis.stairs(values, edges, baseline=None, label="sim", color=style.PREDICTED, linestyle=(0, (4, 1.5)))
+    axis.axhline(0.0, color="black", linewidth=0.5)
+    axis.set(xlabel=label, ylabel=f"real − sim ({name}/s²)")
+    style.place_legend_above(axis, 2)

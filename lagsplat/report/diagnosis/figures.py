@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.report.common.style import paper_style
-from lagsplat.report.diagnosis.content import ReportContent, get_location
+from lagsplat.report.diagnosis.content import ReportContent, read_location
 from lagsplat.report.diagnosis.figure_hypotheses import (
     draw_components,
     draw_error_budget,
@@ -40,7 +40,7 @@ CATALOGUE: tuple[tuple[str, str, str, Callable[[Diagnosis, ReportContent], Figur
         "be followed, over each coordinate's own size. From the sim as delivered, over the sim with its "
         "own numbers moved within their uncertainty, to the sim with the chosen effects (whisker: 95 % "
         "interval). The dashed floor is what the true model would leave, given the noise.",
-        draw_waterfall,
+        lambda diagnosis, _: draw_waterfall(diagnosis),
     ),
     (
         "posterior",
@@ -75,7 +75,7 @@ CATALOGUE: tuple[tuple[str, str, str, Callable[[Diagnosis, ReportContent], Figur
         "At which positions and velocities",
         "Mean acceleration that the sim lacks. Dots: two standard errors from zero; frames: regions in "
         "which it keeps its sign; grey: hardly visited.",
-        draw_state_maps,
+        lambda diagnosis, _: draw_state_maps(diagnosis),
     ),
     (
         "spectrum",
@@ -140,6 +140,6 @@ def draw_diagnosis_figures(diagnosis: Diagnosis, content: ReportContent) -> list
 
 
 def _choose_caption(key: str, caption: str, diagnosis: Diagnosis) -> str:
-    if key == "time" and not get_location(diagnosis.where, "smoothed"):
+    if key == "time" and not read_location(diagnosis).get("smoothed"):
         return "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
     return caption

@@ -13,18 +13,17 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
-from lagsplat.diagnose.effects.registry import describe_effect, short_title
+from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect, short_title
 from lagsplat.io.files.atomic import write_text
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.common.style import encode_svg_uri
 from lagsplat.report.diagnosis.content import (
     ReportContent,
+    list_excited,
+    list_findings,
     list_missing_fields,
-    read_excitations,
-    read_findings,
     read_measures,
     recommend_recordings,
-    select_effects,
 )
 from lagsplat.report.diagnosis.figure_state import encode_video_uri
 from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
@@ -63,8 +62,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         ValueError: a name that no diagnosis gives, or a video that cannot be encoded.
     """
     drawn = draw_diagnosis_figures(diagnosis, content)
-    excitations = read_excitations(diagnosis)
-    visible = {grade: select_effects(excitations, grade) for grade in GRADE_TITLES}
+    visible = [(grade, title, list_excited(diagnosis, grade)) for grade, title in GRADE_TITLES.items()]
     environment = Environment(
         loader=PackageLoader("lagsplat.report.diagnosis"), autoescape=True, undefined=StrictUndefined
     )
@@ -82,10 +80,9 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         files=list(dict.fromkeys(os.path.basename(block.file) for block in diagnosis.blocks)),
         tiles=_list_tiles(diagnosis),
         numbers=_list_numbers(diagnosis),
-        findings=read_findings(diagnosis),
-        checked="findings" in diagnosis.checks,
-        visible=[(grade, GRADE_TITLES[grade], names) for grade, names in visible.items() if names],
-        excitations=excitations,
+        findings=list_findings(diagnosis),
+        visible=[row for row in visible if row[2]],
+        excitations=diagnosis.checks.get("excitation", ()),
         advice=[f"{short_title(name)}: {record}" for name, record in recommend_recordings(diagnosis)],
         warnings=_select_warnings(diagnosis),
         figures=[drawing for drawing in drawn if drawing.figure is not None],
@@ -93,7 +90,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         missing=_list_missing(diagnosis, [drawing.title for drawing in drawn if drawing.figure is None]),
         candidates=[_format_candidate(candidate, diagnosis) for candidate in diagnosis.candidates],
         descriptions=_describe_likely(diagnosis),
-        provenance=_list_provenance(content),
+        provenance=_list_provenance(content.stamp),
     )
 
 
@@ -111,7 +108,7 @@ def _keep_percent_together(text: str) -> str:
 
 def _select_warnings(diagnosis: Diagnosis) -> list[str]:
     """The warnings that are not among the findings about the data already."""
-    known = [finding.what for finding in read_findings(diagnosis) if finding.what]
+    known = [finding["what"] for finding in list_findings(diagnosis)]
     return [text for text in diagnosis.warnings if not any(what in text for what in known)]
 
 
@@ -124,19 +121,15 @@ def _list_tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def _list_numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Label and value of the checks that came with the fits."""
-    rows = [
-        (
-            name.replace("_", " "),
-            _join_mapping(value) if isinstance(value, Mapping) else _format_measure(value),
-        )
-        for name, value in read_measures(diagnosis).items()
-        if name not in MEASURE_LABELS
-    ]
-    return [(label, value) for label, value in rows if value]
-
-
-def _join_mapping(values: Mapping[str, Any]) -> str:
-    return "; ".join(f"{name}: {text}" for name, value in values.items() if (text := _format_measure(value)))
+    rows = []
+    for name, value in read_measures(diagnosis).items():
+        text = _format_measure(value)
+        if isinstance(value, Mapping):
+            parts = {key: _format_measure(part) for key, part in value.items()}
+            text = "; ".join(f"{key}: {part}" for key, part in parts.items() if part)
+        if text and name not in MEASURE_LABELS:
+            rows.append((name.replace("_", " "), text))
+    return rows
 
 
 def _format_measure(value: Any) -> str:
@@ -149,28 +142,25 @@ def _format_measure(value: Any) -> str:
         return ", ".join(texts) if all(texts) and len(texts) <= MAX_TILE_NUMBERS else ""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, int):
-        return str(value)
-    return format_number(value) if isinstance(value, float) else value if isinstance(value, str) else ""
+    if isinstance(value, float):
+        return format_number(value)
+    return "" if value is None else str(value)
 
 
 def _list_missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
-    names = (name.removesuffix("_s").removesuffix("_hz") for name in list_missing_fields(diagnosis.where))
+    names = (name.removesuffix("_s").removesuffix("_hz") for name in list_missing_fields(diagnosis))
     fields = ", ".join(name.replace("_", " ") for name in names)
     figures = ", ".join(f"“{title}”" for title in titles)
-    return ([f"of where the gap lies: {fields}"] if fields else []) + (
-        [f"figures that need more than was computed: {figures}"] if figures else []
-    )
+    parts = {"of where the gap lies": fields, "figures that need more than was computed": figures}
+    return [f"{what}: {missing}" for what, missing in parts.items() if missing]
 
 
 def _format_candidate(candidate: Candidate, diagnosis: Diagnosis) -> dict[str, Any]:
     """One row of the table of candidates as texts."""
     kind = "chosen" if candidate.name in diagnosis.combination else ""
-    if candidate.name in ("none", "unknown"):
-        kind = "verdict"
     known = math.isfinite(candidate.log_evidence) and candidate.name != "none"
     return {
-        "kind": kind,
+        "kind": "verdict" if candidate.name in VERDICTS else kind,
         "place": name_candidate(candidate),
         "probability": format_probability(candidate.probability),
         "parameters": format_estimates(candidate),
@@ -190,25 +180,19 @@ def _format_closure(closure: Interval | None) -> str:
 
 def _describe_likely(diagnosis: Diagnosis) -> list[tuple[str, Any]]:
     """Short title and description of each effect that is likely, chosen, or equivalent to another."""
-    equivalent = {name for names in diagnosis.equivalent for name in names}
-    names = [
-        candidate.name
-        for candidate in diagnosis.candidates
-        if candidate.probability >= DESCRIBED_FROM
-        or candidate.name in diagnosis.combination
-        or candidate.name in equivalent
-    ]
-    return [(short_title(name), describe_effect(name)) for name in dict.fromkeys(names)]
+    named = {name for names in (diagnosis.combination, *diagnosis.equivalent) for name in names}
+    likely = [c.name for c in diagnosis.candidates if c.probability >= DESCRIBED_FROM or c.name in named]
+    return [(short_title(name), describe_effect(name)) for name in dict.fromkeys(likely)]
 
 
-def _list_provenance(content: ReportContent) -> list[tuple[str, str]]:
+def _list_provenance(stamp: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Label and value of everything that says how the diagnosis was made."""
-    stamp = content.stamp
-    rows = [(f"SHA-256 of {name}", digest) for name, digest in content.digests.items()]
-    if stamp.get("commit"):
-        changed = " with changes that are not committed" if stamp.get("dirty") else ""
-        rows.append(("commit", f"{stamp['commit']}{changed}"))
+    commit = stamp.get("commit") or ""
+    changed = " with changes that are not committed" if commit and stamp.get("dirty") else ""
     versions = {"python": stamp.get("python"), **(stamp.get("versions") or {})}
-    text = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
-    rows += [("versions", text)] if text else []
-    return rows + ([("made", str(stamp["time_utc"]))] if stamp.get("time_utc") else [])
+    rows = {
+        "commit": f"{commit}{changed}",
+        "versions": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
+        "made": str(stamp.get("time_utc") or ""),
+    }
+    return [(label, value) for label, value in rows.items() if value]

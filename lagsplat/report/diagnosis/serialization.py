@@ -1,6 +1,6 @@
 """``diagnosis.json``: its form, and a `Diagnosis` written to it and read back.
 
-The form is the record classes below: `msgspec` checks a file against them, and exports them as a JSON Schema.
+The form is the record classes below, against which `msgspec` checks a file.
 """
 
 import json
@@ -14,31 +14,28 @@ import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
-from lagsplat.diagnose.core.result import (
-    SCHEMA,
-    Block,
-    Candidate,
-    Diagnosis,
-    Gap,
-    Interval,
-    Parameter,
-    Verdict,
-)
-from lagsplat.diagnose.effects.registry import list_names
+from lagsplat.diagnose.core.result import SCHEMA, Candidate, Diagnosis, Gap, Interval, Parameter, Verdict
+from lagsplat.diagnose.effects.registry import VERDICTS, list_names
 from lagsplat.io.files.atomic import write_text
-from lagsplat.report.diagnosis.content import (
-    OPTIONAL_FIELDS,
-    get_location,
-    list_missing_fields,
-    to_plain_data,
-)
+from lagsplat.report.diagnosis.content import list_missing_fields, read_location, to_plain_data
 
 PROBABILITY_TOLERANCE = 1e-6  # largest distance of the sum of all probabilities from one
+GAP_UNIT = "fraction of each coordinate's rms"
 Number = int | float | None
 NAN = float("nan")
 NO_INTERVAL = Interval(None, None, None)
 NO_GAP = Gap(NAN, NAN, NAN, NAN, NAN, NO_INTERVAL)
 """Written where there is no gap, so that readers find its keys all the same."""
+EMPTY_WHERE: dict[str, Any] = {
+    "level": None,
+    "coordinates": {},
+    "time_s": [],
+    "frequency_hz": [],
+    "state_region": {},
+    "image_region": None,
+}
+"""Written of the place of a gap that was not located; ``not_computed`` lists its keys then."""
+OPTIONAL_WHERE = ("components", "memory_index", "evidence")
 
 
 class ParameterRecord(Struct):
@@ -123,27 +120,24 @@ def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def load_diagnosis(path: str | os.PathLike[str], *, blocks: tuple[Block, ...] = ()) -> Diagnosis:
-    """Read a diagnosis back; its ``where`` and ``checks`` are plain mappings.
-
-    ``blocks`` come from `load_rollouts`.
+def load_diagnosis(path: str | os.PathLike[str]) -> Diagnosis:
+    """Read a diagnosis back without its blocks; its ``where`` and ``checks`` are plain mappings.
 
     Raises:
         ValueError: the file is no JSON or no diagnosis.
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
+        record = check_diagnosis(content)
     except json.JSONDecodeError as error:
         raise ValueError(f"{os.fspath(path)} is not JSON: {error}") from error
-    try:
-        record = check_diagnosis(content)
     except ValueError as error:
         raise ValueError(f"{os.fspath(path)}: {error}") from error
     return Diagnosis(
         candidates=tuple(_to_candidate(effect) for effect in record.effects),
         gap=_to_gap(record.gap),
         where=content["where"],
-        blocks=blocks,
+        blocks=(),
         **{name: getattr(record, name) for name in COPIED_FIELDS},
     )
 
@@ -160,63 +154,44 @@ def check_diagnosis(content: Mapping[str, Any]) -> DiagnosisRecord:
         reason, _, path = str(error).partition(" - at `$")
         place = path.rstrip("`").replace("[", "/").replace("]", "").replace(".", "/").strip("/")
         raise ValueError(f"not a diagnosis, at {place or 'the whole'}: {reason}") from error
-    catalogue = set(list_names())
-    for index, effect in enumerate(record.effects):
-        if effect.name not in catalogue:
-            raise ValueError(f"not a diagnosis, at effects/{index}/name: {effect.name!r} is no known effect")
-    for index, equivalent in enumerate(record.equivalent):
-        if unknown := sorted(set(equivalent) - catalogue):
-            raise ValueError(f"not a diagnosis, at equivalent/{index}: {unknown} are no known effects")
+    named = [(f"effects/{index}/name", {effect.name}) for index, effect in enumerate(record.effects)]
+    named += [(f"equivalent/{index}", set(names)) for index, names in enumerate(record.equivalent)]
+    for place, names in named:
+        if unknown := sorted(names - set(list_names())):
+            raise ValueError(f"not a diagnosis, at {place}: no known effect is called {', '.join(unknown)}")
     probabilities = [effect.probability for effect in record.effects]
     if not math.isclose(sum(probabilities), 1.0, abs_tol=PROBABILITY_TOLERANCE):
         raise ValueError(f"the probabilities of all effects sum to {sum(probabilities):.9g}, not to 1")
     if probabilities != sorted(probabilities, reverse=True):
         raise ValueError("the effects are not in the order of their probabilities, the most probable first")
-    names = {effect.name for effect in record.effects}
-    for name in ("none", "unknown"):
-        if name not in names:
+    candidates = {effect.name for effect in record.effects}
+    for name in VERDICTS:
+        if name not in candidates:
             raise ValueError(f"`{name}` is missing among the effects; it is always a candidate")
-    if missing := sorted(set(record.combination) - names):
+    if missing := sorted(set(record.combination) - candidates):
         raise ValueError(f"the combination names {', '.join(missing)}, not among the effects")
     return record
 
 
-def export_schema() -> dict[str, Any]:
-    """Export the form of the file as a JSON Schema."""
-    return msgspec.json.schema(DiagnosisRecord)
-
-
 def build_diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Build the content of the file as plain data, its keys in the order of the record classes."""
+    """Build the content of the file as plain data, its keys in the order of the record classes.
+
+    A missing part of ``where`` is empty, and listed as ``not_computed``.
+    """
     fields = {name: to_plain_data(getattr(diagnosis, name)) for name in COPIED_FIELDS}
     fields["schema"] = SCHEMA
-    fields["effects"] = [
-        _in_order(
-            EffectRecord,
-            to_plain_data(candidate) | {"closure": to_plain_data(candidate.closure or NO_INTERVAL)},
-        )
-        for candidate in diagnosis.candidates
-    ]
-    fields["where"] = build_where_content(diagnosis.where)
-    unit = {"unit": "fraction of each coordinate's rms"}
-    fields["gap"] = _in_order(GapRecord, to_plain_data(diagnosis.gap or NO_GAP) | unit)
+    fields["effects"] = []
+    for candidate in diagnosis.candidates:
+        closure = {"closure": to_plain_data(candidate.closure or NO_INTERVAL)}
+        fields["effects"].append(_in_order(EffectRecord, to_plain_data(candidate) | closure))
+    location = read_location(diagnosis)
+    where = {name: to_plain_data(location.get(name) or empty) for name, empty in EMPTY_WHERE.items()}
+    for name in OPTIONAL_WHERE:
+        if location.get(name) is not None:
+            where[name] = to_plain_data(location[name])
+    fields["where"] = where | {"not_computed": list_missing_fields(diagnosis)}
+    fields["gap"] = _in_order(GapRecord, to_plain_data(diagnosis.gap or NO_GAP) | {"unit": GAP_UNIT})
     return _in_order(DiagnosisRecord, fields)
-
-
-def build_where_content(where: Any) -> dict[str, Any]:
-    """Build the place of the gap as plain data; a missing part is empty, and listed as ``not_computed``."""
-    content = {
-        "level": get_location(where, "level"),
-        "coordinates": to_plain_data(get_location(where, "coordinates") or {}),
-        "time_s": to_plain_data(get_location(where, "time_s") or []),
-        "frequency_hz": to_plain_data(get_location(where, "frequency_hz") or []),
-        "state_region": to_plain_data(get_location(where, "state_region") or {}),
-        "image_region": to_plain_data(get_location(where, "image_region")),
-    }
-    for name in OPTIONAL_FIELDS:
-        if get_location(where, name) is not None:
-            content[name] = to_plain_data(get_location(where, name))
-    return content | {"not_computed": list(list_missing_fields(where))}
 
 
 def _in_order(record: type[Struct], fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -224,21 +199,20 @@ def _in_order(record: type[Struct], fields: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _to_candidate(effect: EffectRecord) -> Candidate:
-    parameters = {name: Parameter(**asdict(parameter)) for name, parameter in effect.parameters.items()}
-    undefined = effect.closure.value is None and effect.closure.low is None
-    changed = {
-        "parameters": parameters,
-        "closure": None if undefined else effect.closure,
-        "log_evidence": NAN if effect.log_evidence is None else effect.log_evidence,
-    }
-    return Candidate(**asdict(effect) | changed)
+    fields = asdict(effect)
+    fields["parameters"] = {name: Parameter(**asdict(fit)) for name, fit in effect.parameters.items()}
+    if effect.closure.value is None and effect.closure.low is None:
+        fields["closure"] = None
+    if effect.log_evidence is None:
+        fields["log_evidence"] = NAN
+    return Candidate(**fields)
 
 
 def _to_gap(record: GapRecord) -> Gap | None:
     if record.before is None or record.after is None:
         return None
     # A number that could not be computed, such as the floor, stays visible as not a number.
-    numbers: dict[str, Any] = {
-        name: NAN if value is None else value for name, value in asdict(record).items() if name != "unit"
-    }
+    numbers: dict[str, Any] = asdict(record)
+    del numbers["unit"]
+    numbers = {name: NAN if value is None else value for name, value in numbers.items()}
     return Gap(**numbers)

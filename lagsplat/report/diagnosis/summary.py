@@ -1,11 +1,17 @@
 """A diagnosis in one paragraph that needs no training in mechanics, and the names in its sentences."""
 
 import math
-from collections.abc import Set
+from collections.abc import Sequence, Set
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Gap
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.registry import catalogue, describe_effect, label_parameter, short_title
+from lagsplat.diagnose.effects.registry import (
+    VERDICTS,
+    catalogue,
+    describe_effect,
+    label_parameter,
+    short_title,
+)
 from lagsplat.report.common.formatting import (
     append_unit,
     format_interval,
@@ -15,13 +21,11 @@ from lagsplat.report.common.formatting import (
     list_numbers,
 )
 from lagsplat.report.diagnosis.content import (
-    describe_event,
-    explain_undecided,
     find_main_coordinate,
-    get_location,
-    read_excitations,
+    list_excited,
+    list_findings,
+    read_location,
     recommend_recordings,
-    select_effects,
 )
 
 CERTAIN_FROM = 0.8  # probability from which the summary says "the cause"
@@ -31,6 +35,12 @@ ADVICE_FROM = 0.01  # probability of an effect from which the summary advises a 
 FULL_PERIOD = 0.85  # natural periods from which a horizon counts as one
 SUBSTANTIAL_SHARE = 0.5  # misfit of several effects over that of the nearest, below which they are mentioned
 MAX_NAMED = 4  # effects that a sentence lists
+MIN_EVENT_SHARE = 0.5  # share of the residual from which the summary mentions a short event
+HEADLINES = {
+    "none": "No gap beyond the sim's own uncertainty",
+    "unknown": "A gap that no known effect explains",
+    "undetermined": "This recording cannot decide",
+}
 LEVEL_TITLES = {
     "perception": "The gap arises where the images are read, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
@@ -45,6 +55,12 @@ ACTS_LIKE = {
     "exogenous": "something from outside",
     "memory": "something that remembers the past",
 }
+CONSEQUENCES = {
+    "parameter": "This is a parameter change: the simulation lacks no physics, and a refit suffices.",
+    "observation": "The fault is in camera or timing; the mechanism moves as simulated.",
+    "outside": "The mechanism itself moves as simulated.",
+}
+"""What it means if all effects found are of one kind."""
 NUMERALS = ("No", "One", "Two", "Three")
 IMPLAUSIBLE = {
     "unrepeated": "{nearest} would fit, but nothing shows that it comes from outside: in this recording the "
@@ -71,19 +87,13 @@ def write_summary(diagnosis: Diagnosis) -> str:
 def write_headline(diagnosis: Diagnosis) -> str:
     """Write the verdict in a few words."""
     if diagnosis.verdict != "effect":
-        return {
-            "none": "No gap beyond the sim's own uncertainty",
-            "unknown": "A gap that no known effect explains",
-            "undetermined": "This recording cannot decide",
-        }[diagnosis.verdict]
-    names = list_indistinguishable(diagnosis)
-    if sum(sum_probability(diagnosis, name) for name in names) < LIKELY_FROM:
+        return HEADLINES[diagnosis.verdict]
+    equivalent = list_indistinguishable(diagnosis)
+    if sum(sum_probability(diagnosis, name) for name in equivalent) < LIKELY_FROM:
         return "A gap whose cause is undecided"
-    if len(diagnosis.combination) > 1:
-        return _capitalize(join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and"))
-    if len(names) > 1:
-        return _capitalize(join_texts([short_title(name) for name in names], "or"))
-    return _capitalize(name_candidate(select_chosen(diagnosis)[0]))
+    if len(equivalent) > 1 and len(diagnosis.combination) < 2:
+        return _capitalize(join_texts([short_title(name) for name in equivalent], "or"))
+    return _capitalize(join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and"))
 
 
 def _write_effect(diagnosis: Diagnosis) -> list[str]:
@@ -91,61 +101,60 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
     if not chosen:
         return _write_unknown(diagnosis)
     probability = sum(sum_probability(diagnosis, name) for name in equivalent)
+    sentences = [_describe_size(diagnosis), _describe_place(diagnosis)]
+    if probability < LIKELY_FROM:
+        return [*sentences, _list_open_causes(diagnosis), _recommend_next(diagnosis)]
     kinds = {describe_effect(effect.name).kind for effect in chosen}
-    sentences = [
-        _describe_size(diagnosis),
-        _describe_place(diagnosis),
-        _describe_cause(diagnosis, chosen, equivalent, probability),
-    ]
-    if probability >= LIKELY_FROM:
-        sentences += [_list_estimates(e, len(chosen), len(equivalent)) for e in chosen if e.parameters]
-        sentences.append(_describe_consequence(kinds))
-        sentences.append(_describe_closure(diagnosis, _name_remedy(kinds, len(chosen), equivalent)))
-        if len(equivalent) == 1:
-            sentences += [describe_effect(effect.name).remedy for effect in chosen]
+    sentences.append(_describe_cause(diagnosis, chosen, equivalent, probability))
+    sentences += [_list_estimates(e, len(chosen), len(equivalent)) for e in chosen if e.parameters]
+    sentences += [text for kind, text in CONSEQUENCES.items() if kinds == {kind}]
+    sentences.append(_describe_closure(diagnosis, _name_remedy(kinds, len(chosen), equivalent)))
+    if len(equivalent) == 1:
+        sentences += [describe_effect(effect.name).remedy for effect in chosen]
     return [*sentences, _recommend_next(diagnosis)]
 
 
 def _write_none(diagnosis: Diagnosis) -> list[str]:
-    gap = diagnosis.gap
-    chance = sum_probability(diagnosis, "none")
-    agrees = "The simulation agrees with the recording: nothing has to be added"
-    opening = f"{agrees} (probability {format_probability(chance)})."
-    size = ""
-    if gap is not None:
-        floor = (
-            f"; even the true model would miss by {format_percent(gap.floor)}"
-            if math.isfinite(gap.floor)
-            else ""
+    chance = format_probability(sum_probability(diagnosis, "none"))
+    sentences = [f"The simulation agrees with the recording: nothing has to be added (probability {chance})."]
+    if diagnosis.gap is not None:
+        miss, floor = format_percent(diagnosis.gap.before), diagnosis.gap.floor
+        beyond = (
+            f"; even the true model would miss by {format_percent(floor)}" if math.isfinite(floor) else ""
         )
-        over = _name_horizon(gap, diagnosis)
-        size = f"{over}, its forecasts miss by {format_percent(gap.before)} of the size of the motion{floor}."
-    invisible = select_effects(read_excitations(diagnosis), "no")
-    caveat = f"This recording could not have shown {_list_effects(invisible, 'or')}." if invisible else ""
-    return [opening, size, caveat, _recommend_next(diagnosis) if invisible else ""]
+        over = _name_horizon(diagnosis.gap, diagnosis)
+        sentences.append(f"{over}, its forecasts miss by {miss} of the size of the motion{beyond}.")
+    invisible = list_excited(diagnosis, "no")
+    if invisible:
+        more = len(invisible) - MAX_NAMED
+        titles = [short_title(name) for name in invisible[:MAX_NAMED]]
+        titles += [f"{more} others"] if more > 0 else []
+        sentences.append(f"This recording could not have shown {join_texts(titles, 'or')}.")
+        sentences.append(_recommend_next(diagnosis))
+    return sentences
 
 
 def _write_unknown(diagnosis: Diagnosis) -> list[str]:
-    chance = sum_probability(diagnosis, "unknown")
+    chance = format_probability(sum_probability(diagnosis, "unknown"))
     known = _list_effect_candidates(diagnosis)
-    reason = diagnosis.checks.get("doubt")
-    verb = "is accepted as the cause of" if reason else "explains"
+    nearest = name_candidate(known[0]) if known else "An outer force"
+    doubt = diagnosis.checks.get("doubt")
+    verb = "is accepted as the cause of" if doubt else "explains"
     sentences = [
         _describe_size(diagnosis),
         _describe_place(diagnosis),
-        f"No effect of the catalogue {verb} it (probability {format_probability(chance)}).",
+        f"No effect of the catalogue {verb} it (probability {chance}).",
     ]
-    if reason:
-        nearest = _capitalize(name_candidate(known[0])) if known else "An outer force"
-        sentences.append(IMPLAUSIBLE[reason].format(nearest=nearest))
+    if doubt:
+        sentences.append(IMPLAUSIBLE[doubt].format(nearest=_capitalize(nearest)))
     elif known:
         closes = (known[0].closure and known[0].closure.value) or 0.0
         much = f" would close {format_percent(closes)} of it but" if closes > 0.0 else ""
         sentences.append(
-            f"The nearest, {name_candidate(known[0])},{much} leaves more than noise behind; it should not be "
-            "taken for the cause, since a wrong effect often closes much of a "
-            f"gap.{_mention_combination(diagnosis)}"
+            f"The nearest, {nearest},{much} leaves more than noise behind; it should not be taken for the "
+            "cause, since a wrong effect often closes much of a gap."
         )
+        sentences.append(_mention_combination(diagnosis))
     return [*sentences, describe_effect("unknown").remedy, _recommend_next(diagnosis)]
 
 
@@ -157,14 +166,15 @@ def _mention_combination(diagnosis: Diagnosis) -> str:
         return ""
     names = [short_title(name) for name in diagnosis.checks["chain"][-1]["effects"]]
     share = format_percent(left[-1] / left[0])
-    return f" Nearer are {join_texts(names, 'and')} together, which leave {share} as much."
+    return f"Nearer are {join_texts(names, 'and')} together, which leave {share} as much."
 
 
 def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
-    why = explain_undecided(diagnosis)[0].rstrip(".")
-    sentences = [f"This recording cannot decide what is wrong with the simulation, if anything: {why}."]
-    if diagnosis.gap is not None:
-        sentences.append(_describe_size(diagnosis))
+    why = _explain_undecided(diagnosis).rstrip(".")
+    sentences = [
+        f"This recording cannot decide what is wrong with the simulation, if anything: {why}.",
+        _describe_size(diagnosis),
+    ]
     first = _list_effect_candidates(diagnosis)[:3]
     if first and first[0].probability > 0.0:
         texts = [f"{name_candidate(effect)} ({format_probability(effect.probability)})" for effect in first]
@@ -172,24 +182,31 @@ def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
     return [*sentences, _recommend_next(diagnosis)]
 
 
+def _explain_undecided(diagnosis: Diagnosis) -> str:
+    """The main reason why nothing can be decided; a general sentence where none is given."""
+    reasons = diagnosis.checks.get("undetermined")
+    if reasons:
+        return reasons if isinstance(reasons, str) else str(reasons[0])
+    for finding in list_findings(diagnosis):
+        if finding["level"] == "undetermined":
+            return f"{finding['what']}; {finding['why']}"
+    return next(iter(diagnosis.warnings), "the candidates explain the recording about equally well")
+
+
 def _describe_size(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
     floor = f"; noise alone would leave {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
-    return (
+    text = (
         f"{_name_horizon(gap, diagnosis)}, the simulation's forecasts miss the measurement by "
-        f"{format_percent(gap.before)} of the size of the motion{floor}.{_describe_divergence(gap)}"
+        f"{format_percent(gap.before)} of the size of the motion{floor}."
     )
-
-
-def _describe_divergence(gap: Gap) -> str:
-    """Say how many forecasts diverged, if any did."""
     lost, added = gap.diverged.get("before", 0), gap.diverged.get("after", 0)
-    if not lost and not added:
-        return ""
-    with_it = f" and {added} with what is added to it" if added else ""
-    return f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} diverged; all count."
+    if lost or added:
+        with_it = f" and {added} with what is added to it" if added else ""
+        text += f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} diverged; all count."
+    return text
 
 
 def _name_horizon(gap: Gap, diagnosis: Diagnosis) -> str:
@@ -202,43 +219,45 @@ def _name_horizon(gap: Gap, diagnosis: Diagnosis) -> str:
 
 
 def _describe_place(diagnosis: Diagnosis) -> str:
-    where = diagnosis.where
-    level = get_location(where, "level")
+    location = read_location(diagnosis)
+    level = location.get("level")
     if level not in LEVEL_TITLES:
         return ""
     text = LEVEL_TITLES[level]
-    shares = get_location(where, "coordinates") or {}
-    main = find_main_coordinate(where)
+    shares, main = location.get("coordinates") or {}, find_main_coordinate(diagnosis)
     if main is not None and len(shares) > 1:
         text += f", mostly in {main} ({format_percent(shares[main])})"
-    components = {k: v for k, v in (get_location(where, "components") or {}).items() if k in ACTS_LIKE}
+    components = {k: v for k, v in (location.get("components") or {}).items() if k in ACTS_LIKE}
     if level == "dynamics" and components and max(components.values()) >= 0.4:
         best = max(components, key=lambda name: components[name])
         text += f", and acts like {ACTS_LIKE[best]} ({format_percent(components[best])})"
-    return f"{text}.{describe_event(where, diagnosis.checks.get('natural_period_s', 0.0))}"
+    for file, start_s, end_s, share in (location.get("time_s") or ())[:1]:
+        if share >= MIN_EVENT_SHARE and end_s - start_s < diagnosis.checks.get("natural_period_s", 0.0):
+            span = f"between {start_s:.4g} and {end_s:.4g} s of {file}"
+            return f"{text}. {format_percent(share)} of what is missing acts {span}."
+    return f"{text}."
+
+
+def _list_open_causes(diagnosis: Diagnosis) -> str:
+    first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
+    texts = [
+        f"{describe_effect(effect.name).title if effect.name == 'unknown' else name_candidate(effect)} "
+        f"({format_probability(effect.probability)})"
+        for effect in first
+    ]
+    return f"Its cause is undecided; most probable are {join_texts(texts, 'and')}."
 
 
 def _describe_cause(
     diagnosis: Diagnosis, chosen: list[Candidate], equivalent: list[str], probability: float
 ) -> str:
-    """Describe the cause."""
     verb = "The cause is" if probability >= CERTAIN_FROM else "The likely cause is"
     together = format_probability(probability)
-    if probability < LIKELY_FROM:
-        first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
-        texts = [
-            f"{describe_effect(effect.name).title if effect.name == 'unknown' else name_candidate(effect)} "
-            f"({format_probability(effect.probability)})"
-            for effect in first
-        ]
-        return f"Its cause is undecided; most probable are {join_texts(texts, 'and')}."
+    what = " ".join(describe_effect(effect.name).what for effect in chosen)
+    titles = join_texts([title_candidate(effect) for effect in chosen], "and")
     if len(chosen) > 1:
-        titles = join_texts([title_candidate(effect) for effect in chosen], "and")
-        what = " ".join(describe_effect(effect.name).what for effect in chosen)
-        return (
-            f"{NUMERALS[len(chosen)]} effects act together: {titles} "
-            f"(the first with probability {together}). {what}"
-        )
+        number = NUMERALS[len(chosen)]
+        return f"{number} effects act together: {titles} (the first with probability {together}). {what}"
     if len(equivalent) > 1:
         texts = [
             f"{describe_effect(name).title} ({format_probability(sum_probability(diagnosis, name))})"
@@ -248,26 +267,14 @@ def _describe_cause(
             f"{verb} one of these, which this recording cannot distinguish: {join_texts(texts, 'or')}; "
             f"together they have probability {together}."
         )
-    what = describe_effect(chosen[0].name).what
-    return f"{verb} {title_candidate(chosen[0])} (probability {together}). {what}"
-
-
-def _describe_consequence(kinds: Set[str]) -> str:
-    if kinds == {"parameter"}:
-        return "This is a parameter change: the simulation lacks no physics, and a refit suffices."
-    if kinds == {"observation"}:
-        return "The fault is in camera or timing; the mechanism moves as simulated."
-    if kinds == {"outside"}:
-        return "The mechanism itself moves as simulated."
-    return ""
+    return f"{verb} {titles} (probability {together}). {what}"
 
 
 def _list_estimates(candidate: Candidate, chosen: int, equivalent: int) -> str:
+    opening = "Estimated" if chosen == 1 else f"Estimated for {name_candidate(candidate)}"
     if equivalent > 1:
-        opening = f"If it is {short_title(candidate.name)}: "
-    else:
-        opening = "Estimated: " if chosen == 1 else f"Estimated for {name_candidate(candidate)}: "
-    return f"{opening}{'; '.join(format_estimates(candidate))}."
+        opening = f"If it is {short_title(candidate.name)}"
+    return f"{opening}: {'; '.join(format_estimates(candidate))}."
 
 
 def _name_remedy(kinds: Set[str], together: int, names: list[str]) -> str:
@@ -280,25 +287,27 @@ def _name_remedy(kinds: Set[str], together: int, names: list[str]) -> str:
     return "Setting it right" if kinds == {"parameter"} else "Adding it to the simulation"
 
 
-def _describe_closure(diagnosis: Diagnosis, act: str) -> str:
+def _describe_closure(diagnosis: Diagnosis, remedy: str) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
-    if gap.closure.value is None:
+    closure = gap.closure
+    if closure.value is None:
         return "How far it closes the gap is unknown: the gap hardly exceeds what noise leaves."
-    interval = ""
-    if gap.closure.low is not None and gap.closure.high is not None:
-        interval = f" (95 % interval {format_percent(gap.closure.low)} to {format_percent(gap.closure.high)})"
-    share = f"{format_percent(gap.closure.value)} of what can be removed{interval}"
-    if gap.closure.value >= 1.0:
+    share = f"{format_percent(closure.value)} of what can be removed"
+    if closure.value >= 1.0:
         share = "as little as can be asked of forecasts from noisy beginnings"
+    elif closure.low is not None and closure.high is not None:
+        share += f" (95 % interval {format_percent(closure.low)} to {format_percent(closure.high)})"
     before, after = format_percent(gap.before), format_percent(gap.after)
-    text = f"{act} shrinks the miss from {before} to {after}, which is {share}"
+    text = f"{remedy} shrinks the miss from {before} to {after}, which is {share}"
     if gap.after >= gap.before:
-        text = f"{act} does not shrink the miss of held-out forecasts ({after} with it)"
-    shares = split_closure(gap)
-    refit = "moving the simulation's own numbers within their uncertainty would remove"
-    text += f"; {refit} {format_percent(shares[0])}." if shares and shares[0] > 0.0 else "."
+        text = f"{remedy} does not shrink the miss of held-out forecasts ({after} with it)"
+    removable = gap.before - gap.floor
+    if removable > 0.0 and gap.refit < gap.before:
+        refit = format_percent((gap.before - gap.refit) / removable)
+        text += f"; moving the simulation's own numbers within their uncertainty would remove {refit}"
+    text += "."
     if gap.floor > 0.0 and gap.after > UNEXPLAINED_RATIO * gap.floor:
         times = format_number(gap.after / gap.floor)
         text += f" What remains is {times} times what noise leaves, so that something else is missing too."
@@ -306,19 +315,10 @@ def _describe_closure(diagnosis: Diagnosis, act: str) -> str:
 
 
 def _recommend_next(diagnosis: Diagnosis) -> str:
-    wanted = recommend_recordings(diagnosis)
-    if not wanted:
-        return ""
-    effect, record = wanted[0]
-    if diagnosis.verdict != "none" and sum_probability(diagnosis, effect) < ADVICE_FROM:
-        return ""
-    return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
-
-
-def _list_effects(names: list[str], word: str) -> str:
-    more = len(names) - MAX_NAMED
-    titles = [short_title(name) for name in names[:MAX_NAMED]]
-    return join_texts([*titles, f"{more} others"] if more > 0 else titles, word)
+    for effect, record in recommend_recordings(diagnosis)[:1]:
+        if diagnosis.verdict == "none" or sum_probability(diagnosis, effect) >= ADVICE_FROM:
+            return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
+    return ""
 
 
 def _capitalize(text: str) -> str:
@@ -333,8 +333,7 @@ def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:
 
 
 def _list_effect_candidates(diagnosis: Diagnosis) -> list[Candidate]:
-    """All candidates but the verdicts ``none`` and ``unknown``."""
-    return [candidate for candidate in diagnosis.candidates if candidate.name not in ("none", "unknown")]
+    return [candidate for candidate in diagnosis.candidates if candidate.name not in VERDICTS]
 
 
 def list_indistinguishable(diagnosis: Diagnosis) -> list[str]:
@@ -359,16 +358,15 @@ def name_second_forecast(diagnosis: Diagnosis) -> str:
 def name_candidate(candidate: Candidate) -> str:
     """Name an effect and its place, such as "Coulomb friction at q1"."""
     coordinate, source = _name_places(candidate)
-    at = [f"at {coordinate}"] if coordinate else []
-    of = [f"of {source}"] if source else []
-    return " ".join([short_title(candidate.name), *at, *of])
+    at, of = f" at {coordinate}" if coordinate else "", f" of {source}" if source else ""
+    return f"{short_title(candidate.name)}{at}{of}"
 
 
 def _name_places(candidate: Candidate) -> tuple[str | None, str | None]:
     """The coordinates and the inputs where an effect acts, as in a sentence."""
     if not candidate.places:
         return candidate.coordinate, candidate.input
-    several = " and ".join([", ".join(candidate.places[:-1]), candidate.places[-1]])
+    several = join_texts(candidate.places, "and")
     on_inputs = isinstance(catalogue().get(candidate.name), InputEffect)
     return (None, several) if on_inputs else (several, None)
 
@@ -389,31 +387,18 @@ def format_estimates(candidate: Candidate) -> list[str]:
     """Format each parameter with its unit and its 90 % interval."""
     texts = []
     for name, parameter in candidate.parameters.items():
-        several = isinstance(parameter.value, list | tuple)
         numbers = list_numbers(parameter.value)
         bounds = [_match_bounds(bound, len(numbers)) for bound in (parameter.low, parameter.high)]
-        rows = zip(numbers, *bounds, strict=True)
-        intervals = [format_interval(*row) for row in rows]
+        intervals = [format_interval(*row) for row in zip(numbers, *bounds, strict=True)]
         value = ", ".join(text for text, _, _ in intervals) or "–"
-        interval = (
-            ""
-            if several or intervals[0][1] == "–"
-            else f" (90 % interval {intervals[0][1]} to {intervals[0][2]})"
-        )
-        label = label_parameter(candidate.name, name)
-        texts.append(f"{label} {append_unit(value, parameter.unit)}{interval}")
+        text = f"{label_parameter(candidate.name, name)} {append_unit(value, parameter.unit)}"
+        if not isinstance(parameter.value, list | tuple) and intervals[0][1] != "–":
+            text += f" (90 % interval {intervals[0][1]} to {intervals[0][2]})"
+        texts.append(text)
     return texts
 
 
-def split_closure(gap: Gap) -> tuple[float, float] | None:
-    """Split the gap above its floor into the shares that refitting alone and the effects take away."""
-    above = gap.before - gap.floor
-    if not above > 0.0 or not math.isfinite(gap.refit):
-        return None
-    return (gap.before - gap.refit) / above, (gap.refit - gap.after) / above
-
-
-def join_texts(texts: list[str], word: str) -> str:
+def join_texts(texts: Sequence[str], word: str) -> str:
     """Join texts as in a sentence, with ``word`` before the last."""
     if len(texts) < 2:
         return "".join(texts)

@@ -7,7 +7,6 @@ import numpy as np
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
-from tests.unit.report.diagnosis import made_diagnoses
 
 
 @dataclass(frozen=True)
@@ -54,10 +53,6 @@ def exhibits():
     names = ("coulomb_friction", "stribeck_friction", "quadratic_drag", "viscous_damping", "hysteresis")
     nats = 10.0 ** rng.uniform(-0.5, 2.8, (5, 5))
     nats[0, 1] = nats[1, 0] = 0.8
-    before = made_diagnoses.where()["maps"][0]
-    after = made_diagnoses.MadeMap(
-        1, before.position_edges, before.velocity_edges, 0.05 * before.mean, 0.1 * before.score
-    )
     grid = np.linspace(0.74, 0.87, 11)
     return ReportContent(
         stages=(
@@ -66,7 +61,6 @@ def exhibits():
             MadeRung("one step", 0.016, 0.014, 0.019, 0.011),
             MadeRung("rollout", 0.31, 0.25, 0.36, 0.05),
         ),
-        maps_after=(after,),
         separability=Separability(names, nats),
         profiles=(
             ProfileLikelihood(
@@ -91,7 +85,6 @@ def exhibits():
         image_force=picture_force(),
         video=film(),
         command="lagsplat diagnose sim=sim.csv real=swing.csv out=out",
-        digests={"swing.csv": "ab" * 32, "sim.csv": "cd" * 32},
         stamp={
             "package": "lagsplat",
             "commit": "0" * 40,

@@ -38,7 +38,7 @@ def test_everything_is_drawn_where_everything_is_there(drawn):
 
 def test_no_global_style_moves(tmp_path):
     before = dict(mpl.rcParams)
-    figure = draw_waterfall(KINDS["single"], ReportContent())
+    figure = draw_waterfall(KINDS["single"])
     save_figure(tmp_path / "a.pdf", figure)
     encode_svg_uri(figure)
     assert dict(mpl.rcParams) == before
@@ -73,7 +73,7 @@ def test_the_waterfall_goes_from_before_to_after(drawn):
 def test_the_waterfall_bears_numbers_that_are_missing():
     gap = KINDS["single"].gap
     bare = replace(gap, refit=float("nan"), floor=float("nan"), closure=Interval(None, None, None))
-    words = texts(draw_waterfall(replace(KINDS["single"], gap=bare), ReportContent()))
+    words = texts(draw_waterfall(replace(KINDS["single"], gap=bare)))
     assert "floor" not in words
     assert "nan" not in words
 

@@ -13,7 +13,6 @@ from lagsplat.report.diagnosis.summary import (
     format_estimates,
     name_candidate,
     select_chosen,
-    split_closure,
     title_candidate,
     write_headline,
     write_summary,
@@ -188,11 +187,9 @@ def test_forecasts_that_diverged_are_told():
     assert "left the motion" not in write_summary(made)
 
 
-def test_shares_of_closure_add_up():
-    gap = KINDS["single"].gap
-    refit, effect = split_closure(gap)
-    assert refit + effect == pytest.approx(gap.closure.value)
-    assert split_closure(replace(gap, before=gap.floor)) is None
+def test_a_refit_has_no_share_of_a_gap_that_is_none():
+    made = KINDS["single"]
+    assert "would remove" not in write_summary(replace(made, gap=replace(made.gap, before=made.gap.floor)))
 
 
 def test_several_pushes_and_bare_bounds():
