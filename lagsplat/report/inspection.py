@@ -88,26 +88,15 @@ def _describe_gaps(recording: Recording) -> str:
 
 
 def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
-    still = np.zeros((recording.n_frames, 1))
-    held = HeldOut(
-        encoded=still,
-        latents=still,
-        forcing=recording.inputs,
-        inputs=recording.inputs,
-        segments=recording.segments,
-        metric=np.eye(1),
-        dt_s=recording.dt_s,
-        skip=0,
+    still, inputs = np.zeros((recording.n_frames, 1)), recording.inputs
+    whole = HeldOut(
+        still, still, inputs, inputs, recording.segments, metric=np.eye(1), dt_s=recording.dt_s, skip=0
     )
     segments = [
-        f"frames {a} to {b} ({(b - a) * recording.dt_s:.1f} s)"
-        for a, b in find_free_segments(held, config)[:MAX_LISTED]
+        f"frames {start} to {stop} ({(stop - start) * recording.dt_s:.1f} s)"
+        for start, stop in find_free_segments(whole, config)[:MAX_LISTED]
     ]
-    return (
-        ", ".join(segments)
-        if segments
-        else f"no stretch of {config.free_min_s:g} s without a change of input"
-    )
+    return ", ".join(segments) or f"no stretch of {config.free_min_s:g} s without a change of input"
 
 
 def describe_mcap(survey: McapSurvey) -> str:
@@ -181,9 +170,8 @@ def suggest_overrides(survey: McapSurvey) -> list[str]:
         return []
     camera = max(cameras, key=lambda topic: len(topic.log_ns))
     driving = [topic for topic in survey.topics if topic.moving and not topic.problem]
-    fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving][
-        :MAX_INPUTS
-    ]
+    fields = [(topic, path) for topic in driving for path in topic.numbers if path in topic.moving]
+    fields = fields[:MAX_INPUTS]
     used = [camera, *(topic for topic, _ in fields)]
     stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
     names = [_make_name(path) for _, path in fields]
@@ -212,11 +200,8 @@ def _make_name(path: str) -> str:
 
 def _quote(text: str) -> str:
     """Quote as the grammar of Hydra requires: brackets and spaces need quotes."""
-    return (
-        text
-        if re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
-        else '"' + text.replace('"', '\\"') + '"'
-    )
+    plain = re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
+    return text if plain else '"' + text.replace('"', '\\"') + '"'
 
 
 def _guess_unit(path: str) -> str:
@@ -243,9 +228,8 @@ def propose_system(recording: Recording, *, path: Path, settings: RecordingConfi
     crop = "null" if settings.crop is None else str(list(settings.crop))
     skips = [clip["skip_s"] for clip in clips if clip["skip_s"] is not None]
     ends = [clip["end_s"] for clip in clips if clip["end_s"] is not None]
-    moves = any(
-        clip["camera"] is not None and clip["camera"]["rms_px"] > clip["camera_limit_px"] for clip in clips
-    )
+    cameras = [(clip["camera"], clip["camera_limit_px"]) for clip in clips if clip["camera"] is not None]
+    moves = any(camera["rms_px"] > limit_px for camera, limit_px in cameras)
     skip_s = max([settings.skip_s, *skips])
     end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
     split = settings.split
@@ -276,7 +260,7 @@ recording:
   grey: {str(settings.grey).lower()}
   crop: {crop} # x, y, width, height, tight around the motion
   skip_s: {skip_s:g}
-  end_s: {"null" if end_s is None else f"{end_s:g}"}
+  end_s: {_format_optional(end_s)}
   height: {height}
   width: {width}
   split:
@@ -303,28 +287,20 @@ def _choose_size(recording: Recording, settings: RecordingConfig) -> tuple[int, 
 
 def _describe_quality(quality: Mapping[str, Any]) -> list[str]:
     camera, flicker, sampling = quality["camera"], quality["flicker"], quality["sampling"]
-    unknown = "not measured"
-    cuts = ", ".join(f"{cut['time_s']:.3f} s" for cut in quality["cuts"])
-    return [
-        "camera     "
-        + (
-            f"{unknown}: too little stands still, or too few frames"
-            if camera is None
-            else f"moves {camera['rms_px']:.2f} px rms, {camera['max_px']:.2f} px at most (drift "
+    texts = {
+        "camera": "not measured: too little stands still, or too few frames",
+        "exposure": "not measured",
+        "period": "not measured",
+        "cuts": ", ".join(f"{cut['time_s']:.3f} s" for cut in quality["cuts"]) or "none",
+    }
+    if camera is not None:
+        texts["camera"] = (
+            f"moves {camera['rms_px']:.2f} px rms, {camera['max_px']:.2f} px at most (drift "
             f"{camera['drift_px']:.2f}, jitter {camera['jitter_px']:.2f}); limit "
             f"{quality['camera_limit_px']:.2f} px rms of the film"
-        ),
-        "exposure   "
-        + (
-            unknown
-            if flicker is None
-            else f"{flicker['rms_percent']:.2f} % rms, mostly at {flicker['frequency_hz']:.2f} Hz"
-        ),
-        "period     "
-        + (
-            unknown
-            if sampling is None
-            else f"{sampling['period_s']:.4g} s, {sampling['samples']:.1f} frames each"
-        ),
-        f"cuts       {cuts or 'none'}",
-    ]
+        )
+    if flicker is not None:
+        texts["exposure"] = f"{flicker['rms_percent']:.2f} % rms, mostly at {flicker['frequency_hz']:.2f} Hz"
+    if sampling is not None:
+        texts["period"] = f"{sampling['period_s']:.4g} s, {sampling['samples']:.1f} frames each"
+    return [f"{name:<11}{text}" for name, text in texts.items()]

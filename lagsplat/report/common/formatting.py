@@ -41,19 +41,16 @@ def format_number(value: float, *, digits: int = 2) -> str:
 def format_interval(value: float, low: float | None, high: float | None) -> tuple[str, str, str]:
     """Format a value and its bounds, all to the decimal place at which the interval has two digits.
 
-    Without finite bounds the value has three digits and the bounds are dashes.
+    Without an interval of finite width each has three digits, and a missing bound is a dash.
     """
-    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
-        return format_number(value, digits=3), _format_bound(low), _format_bound(high)
-    width = high - low
-    if not width > 0.0:
-        return format_number(value, digits=3), format_number(low, digits=3), format_number(high, digits=3)
-    # Six digits are enough even where the interval is narrower still.
-    last_place = 5 - math.floor(math.log10(max(abs(value), abs(low), abs(high))))
-    places = min(1 - math.floor(math.log10(width)), last_place)
-    if places > 6 or places < -4:
-        return format_number(value, digits=3), format_number(low, digits=3), format_number(high, digits=3)
-    return _round_to_place(value, places), _round_to_place(low, places), _round_to_place(high, places)
+    if low is not None and high is not None and math.isfinite(low) and math.isfinite(high) and high > low:
+        # Six digits are enough even where the interval is narrower still.
+        last_place = 5 - math.floor(math.log10(max(abs(value), abs(low), abs(high))))
+        places = min(1 - math.floor(math.log10(high - low)), last_place)
+        if -4 <= places <= 6:
+            return _round_to_place(value, places), _round_to_place(low, places), _round_to_place(high, places)
+    bounds = ["–" if bound is None else format_number(bound, digits=3) for bound in (low, high)]
+    return format_number(value, digits=3), bounds[0], bounds[1]
 
 
 def format_percent(share: float) -> str:
@@ -76,14 +73,13 @@ def format_probability(p: float) -> str:
 
 def format_unit(name: str) -> str:
     """Format a unit with raised powers; empty for a pure number."""
-    if name in ("", "1"):
-        return ""
-    return re.sub(r"\^(-?\d+)", lambda match: _raise_power(int(match.group(1))), name)
+    return "" if name == "1" else re.sub(r"\^(-?\d+)", lambda match: _raise_power(int(match.group(1))), name)
 
 
 def append_unit(text: str, name: str) -> str:
     """Append a unit to a number, so that both stay on one line."""
-    return f"{text}\N{NO-BREAK SPACE}{format_unit(name)}" if format_unit(name) else text
+    unit = format_unit(name)
+    return f"{text}\N{NO-BREAK SPACE}{unit}" if unit else text
 
 
 def format_power_of_ten(power: int) -> str:
@@ -102,10 +98,6 @@ def _round_to_place(value: float, places: int) -> str:
     return f"{rounded:.{max(places, 0)}f}".replace("-", MINUS)
 
 
-def _format_bound(value: float | None) -> str:
-    return "–" if value is None else format_number(value, digits=3)
-
-
 def _raise_power(power: int) -> str:
     return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
@@ -115,30 +107,25 @@ def format_latex_table(
 ) -> str:
     """Format a floating table over both columns of the page, for ``\\input`` in any article.
 
-    Args:
-        head: lines of LaTeX above the first rule.
-        body: lines of LaTeX below it.
-        alignment: one letter a column, such as ``lcc``.
-        caption: plain text.
-        label: name for ``\\ref``.
+    ``head`` and ``body`` are lines of LaTeX above and below the first rule, ``alignment`` one letter a
+    column, such as ``lcc``. The caption is plain text, and the label a name for ``\\ref``.
     """
-    return "\n".join(
-        [
-            BOOKTABS_FALLBACK,
-            r"\begin{table*}",
-            r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
-            rf"\caption{{{escape_latex(caption)}}}",
-            rf"\label{{{label}}}",
-            rf"\begin{{tabular}}{{@{{}}{alignment}@{{}}}}",
-            r"\toprule",
-            *head,
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table*}",
-            "",
-        ]
-    )
+    lines = [
+        BOOKTABS_FALLBACK,
+        r"\begin{table*}",
+        r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"\caption{{{escape_latex(caption)}}}",
+        rf"\label{{{label}}}",
+        rf"\begin{{tabular}}{{@{{}}{alignment}@{{}}}}",
+        r"\toprule",
+        *head,
+        *body,
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table*}",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 def format_grouped_table(
@@ -152,17 +139,10 @@ def format_grouped_table(
     caption: str,
     label: str,
 ) -> str:
-    """Format a table whose rows stand in titled blocks.
+    """Format a table whose rows stand in blocks: one for each value of the column ``by``, under its title.
 
-    Args:
-        frame: the rows.
-        by: column that names the block of a row.
-        titles: title of each block; a block without one bears its name.
-        row: formats one row as a line of LaTeX.
-        head: as of `format_latex_table`, like all that follow.
-        alignment: one letter a column.
-        caption: plain text.
-        label: name for ``\\ref``.
+    ``row`` formats one row as a line of LaTeX. A block without a title bears its name. The other arguments
+    are those of `format_latex_table`.
     """
     body = []
     for name, block in frame.groupby(by, sort=False):

@@ -41,16 +41,10 @@ def build_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, An
     """
     rows = []
     for group, variants in group_runs(runs, metrics).items():
+        names = {"robot": group.system, "recording": group.recording, "profile": group.profile}
         for stage2, members in variants.items():
-            changed = name_changes(group.stage1, stage2)
-            row = build_row(
-                aggregate(members),
-                robot=group.system,
-                method="LaGSplat" + changed,
-                recording=group.recording,
-                profile=group.profile,
-            )
-            rows.append(row)
+            method = "LaGSplat" + name_changes(group.stage1, stage2)
+            rows.append(build_row(aggregate(members), method=method, **names))
     return rows
 
 
@@ -130,9 +124,8 @@ def count_rollouts(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, st
 
 def format_score(row: Mapping[Any, Any], name: str, *, scale: float) -> str:
     """Format the cell of a score with its spread, in the unit of the table."""
-    return format_latex_number(
-        *(rescale(row.get(key), scale) for key in (name, f"{name}_low", f"{name}_high"))
-    )
+    keys = (name, f"{name}_low", f"{name}_high")
+    return format_latex_number(*(rescale(row.get(key), scale) for key in keys))
 
 
 def format_diverged(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:
