@@ -20,10 +20,10 @@ from lagsplat.baselines.objective import (
     total_loss,
 )
 from lagsplat.baselines.released import load_released
-from lagsplat.baselines.training import run_training
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
+from lagsplat.stage1.training import run_training
 
 log = logging.getLogger(__name__)
 PATIENCE = 10  # maximum number of consecutive batches without a finite gradient
@@ -50,7 +50,6 @@ class BaselineData(NamedTuple):
     frames: torch.Tensor  # uint8 (T, H, W, 3)
     inputs: torch.Tensor  # with delays, (T, m)
     starts: Int64[np.ndarray, " batches"]
-    rest_frames: int
 
 
 def choose_architecture(config: BaselineConfig, recording: Recording) -> BaselineArchitecture:
@@ -82,9 +81,7 @@ def fit_baseline(
     Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` ends with
     the same bits as an uninterrupted one. The dynamics step once per median frame spacing.
 
-    Args:
-        train, config, seed: training frames, settings, and the random seed.
-        checkpoint, identity: file to resume from, and the string that identifies the run in it.
+    ``identity`` identifies the run in the file ``checkpoint``.
 
     Raises:
         ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
@@ -97,7 +94,7 @@ def fit_baseline(
     torch.manual_seed(seed)
     baseline = Baseline(choose_architecture(config, train))
     optimizer = make_baseline_optimizer(baseline, config.rate)
-    _, curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
+    curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
     lost = 0
 
     def take_step(step: int) -> np.ndarray | None:
@@ -114,18 +111,16 @@ def fit_baseline(
             log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
         return terms
 
-    save = None
-    if checkpoint:
-        save = partial(save_training_state, checkpoint, baseline, optimizer, curve, identity=identity)
     run_training(
         take_step,
         curve,
         BaselineCurvePoint,
+        n_steps=config.n_steps,
         n_terms=len(BaselineCurvePoint._fields) - 2,
-        ends=[config.n_steps],
         title="baseline",
-        save=save,
+        save=partial(save_training_state, checkpoint, baseline, optimizer, curve, identity=identity),
         save_every_s=config.checkpoint_every_s,
+        ends=[config.n_steps],
     )
     return baseline.eval(), curve
 
@@ -149,7 +144,6 @@ def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineD
         frames=torch.from_numpy(np.array(train.frames)),  # a copy: the file is mapped read-only
         inputs=torch.from_numpy(fed.astype(np.float32)),
         starts=np.concatenate(starts).astype(np.int64),
-        rest_frames=config.rest_frames,
     )
 
 
@@ -167,7 +161,7 @@ def train_step(
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     start = choose_batch_start(data, config, seed=seed, step=step)
     frames = slice(start, start + config.batch)
-    at_rest = rng.permutation(data.rest_frames)[: config.batch]
+    at_rest = rng.permutation(config.rest_frames)[: config.batch]
     scene = BaselineBatch(
         images=to_images(data.frames[frames]),
         inputs=data.inputs[frames],
@@ -175,9 +169,8 @@ def train_step(
         rest_inputs=data.inputs[at_rest],
     )
     optimizer.zero_grad(set_to_none=True)
-    terms = compute_loss_terms(
-        baseline, scene, generator=generator, closing_gradient=config.loss.closing_gradient
-    )
+    share = config.loss.closing_gradient
+    terms = compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
     closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
     loss = total_loss(terms, config.loss, closing=closing)
     loss.backward()

@@ -71,23 +71,18 @@ class Baseline(nn.Module):
             part.apply(_xavier)
 
     def rollout(
-        self, z0: Latents, v0: Latents, inputs: Float[Tensor, "B N n_u"]
+        self, z: Latents, v: Latents, inputs: Float[Tensor, "B N n_u"]
     ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
         """States and velocities at ``N`` frames, the first as given, under delayed ``inputs``.
 
         Input ``i`` leads from state ``i`` to ``i + 1``; the last one is unused. No later frame is used.
         """
-        z, v = z0, v0
         states, velocities = [z], [v]
         for i in range(inputs.shape[1] - 1):
             z, v = self.dynamics(z, v, inputs[:, i])
             states.append(z)
             velocities.append(v)
         return torch.stack(states, 1), torch.stack(velocities, 1)
-
-    def step(self, z: Latents, v: Latents, u: Inputs) -> tuple[Latents, Latents]:
-        """State and velocity one frame later."""
-        return self.dynamics(z, v, u)
 
     def decode(self, z: Latents) -> Images:
         """Images in [0, 1], without the noise of training."""

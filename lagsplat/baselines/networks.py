@@ -6,7 +6,6 @@ and are the last axis but one. Their coordinates are ``(y, x)``, each from -1 to
 outermost pixels, unlike in the rest of the package.
 """
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import torch
@@ -19,14 +18,11 @@ from lagsplat.array_types import Images, Latents
 SLOPE = 0.2  # of LeakyReLU in the encoder and in both decoders
 WIDTHS = (3, 32, 64, 128)
 REDUCTION = 8  # three halvings of each side
+FEATURES = 8  # of the attention decoder, for each coordinate
 
-
-def _require_size(height: int, width: int) -> None:
-    if min(height, width) < REDUCTION or height % REDUCTION or width % REDUCTION:
-        raise ValueError(
-            f"frames of {height} x {width} pixels: the baselines halve each side three times, so both must "
-            f"be multiples of {REDUCTION}; set recording.height and recording.width"
-        )
+Places = Float[Tensor, "P 2"]
+Points = Float[Tensor, "B G 2"]
+Maps = Float[Tensor, "B G P"]
 
 
 class VariationalEncoder(nn.Module):
@@ -37,7 +33,11 @@ class VariationalEncoder(nn.Module):
 
     def __init__(self, d: int, *, height: int, width: int) -> None:
         super().__init__()
-        _require_size(height, width)
+        if min(height, width) < REDUCTION or height % REDUCTION or width % REDUCTION:
+            raise ValueError(
+                f"frames of {height} x {width} pixels: the baselines halve each side three times, so both "
+                f"must be multiples of {REDUCTION}; set recording.height and recording.width"
+            )
         self.d = d
         self.convolutions = nn.ModuleList(
             nn.Conv2d(n_in, n_out, 4, stride=2, padding=1) for n_in, n_out in pairwise(WIDTHS)
@@ -58,17 +58,32 @@ class VariationalEncoder(nn.Module):
 
         The velocity is the Jacobian of the mean times ``rates``, exact, in one forward pass.
         """
-        (mean, log_variance), (velocity, _) = directional_derivative(self.forward, images, rates)
+        (mean, log_variance), (velocity, _) = torch.func.jvp(self.forward, (images,), (rates,))
         return mean, log_variance, velocity
 
 
-Places = Float[Tensor, "P 2"]
+class DeconvDecoder(nn.Module):
+    """One linear map and three transposed convolutions of kernel 4 and stride 2, ending in a sigmoid.
 
+    The linear map has no activation. No coordinate has a place in the image.
+    """
 
-def pixel_places(height: int, width: int) -> Places:
-    """The coordinates ``(y, x)`` of every pixel."""
-    rows, columns = torch.linspace(-1.0, 1.0, height), torch.linspace(-1.0, 1.0, width)
-    return torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1).flatten(0, 1)
+    def __init__(self, d: int, *, height: int, width: int) -> None:
+        super().__init__()
+        self.cells = (height // REDUCTION, width // REDUCTION)
+        self.expand = nn.Linear(d, WIDTHS[-1] * self.cells[0] * self.cells[1])
+        self.convolutions = nn.ModuleList(
+            nn.ConvTranspose2d(n_in, n_out, 4, stride=2, padding=1) for n_in, n_out in pairwise(WIDTHS[::-1])
+        )
+
+    def forward(self, z: Latents, *, generator: torch.Generator | None = None) -> Images:
+        """Images in [0, 1]; unlike `AttentionDecoder` without noise, so nothing is drawn."""
+        del generator
+        hidden: Tensor = self.expand(z).unflatten(1, (WIDTHS[-1], *self.cells))
+        *inner, last = self.convolutions
+        for convolution in inner:
+            hidden = functional.leaky_relu(convolution(hidden), SLOPE)
+        return last(hidden).sigmoid()
 
 
 class PixelNet(nn.Module):
@@ -84,59 +99,12 @@ class PixelNet(nn.Module):
         """Outputs at ``places``; ``given`` has one row per pixel, or a single one for all of them (p = 1)."""
         first, *rest = self.layers
         assert isinstance(first, nn.Linear)
-        weight, bias = first.weight, first.bias
         # What does not depend on the pixel, or not on the image, is multiplied only once.
-        here = functional.linear(places, weight[:, self.n_in :], bias)
-        value = functional.linear(given, weight[:, : self.n_in]) + here
+        here = functional.linear(places, first.weight[:, self.n_in :], first.bias)
+        value = functional.linear(given, first.weight[:, : self.n_in]) + here
         for layer in rest:
             value = layer(functional.leaky_relu(value, SLOPE))
         return value
-
-
-class DeconvDecoder(nn.Module):
-    """One linear map and three transposed convolutions of kernel 4 and stride 2, ending in a sigmoid.
-
-    The linear map has no activation. No coordinate has a place in the image.
-    """
-
-    def __init__(self, d: int, *, height: int, width: int) -> None:
-        super().__init__()
-        self.cells = (height // REDUCTION, width // REDUCTION)
-        self.expand = nn.Linear(d, WIDTHS[3] * self.cells[0] * self.cells[1])
-        self.convolutions = nn.ModuleList(
-            nn.ConvTranspose2d(n_in, n_out, 4, stride=2, padding=1)
-            for n_in, n_out in ((WIDTHS[3], WIDTHS[2]), (WIDTHS[2], WIDTHS[1]), (WIDTHS[1], WIDTHS[0]))
-        )
-
-    def forward(self, z: Latents) -> Images:
-        """Images in [0, 1]."""
-        hidden: Tensor = self.expand(z).unflatten(1, (WIDTHS[3], *self.cells))
-        first, second, last = self.convolutions
-        hidden = functional.leaky_relu(first(hidden), SLOPE)
-        hidden = functional.leaky_relu(second(hidden), SLOPE)
-        return last(hidden).sigmoid()
-
-
-EPSILON = 1e-8  # added to the mass of a map
-
-Centres = Float[Tensor, "B G 2"]
-
-Maps = Float[Tensor, "B G P"]
-
-
-def compute_attention_centres(maps: Maps, places: Places) -> Centres:
-    """Centre of mass ``(y, x)`` of the squared maps."""
-    weight = maps.square()
-    return weight @ places / (weight.sum(-1, keepdim=True) + EPSILON)
-
-
-def compute_moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Centres, Centres]:
-    """Centres of mass and their velocities [1/s], from the maps and their rates [1/s]."""
-    weight, change = maps.square(), 2.0 * maps * rates
-    mass = weight.sum(-1, keepdim=True) + EPSILON
-    moment = weight @ places
-    velocity = (change @ places * mass - moment * change.sum(-1, keepdim=True)) / mass.square()
-    return moment / mass, velocity
 
 
 class AttentionDecoder(nn.Module):
@@ -161,8 +129,10 @@ class AttentionDecoder(nn.Module):
         self.embed_bias = nn.Parameter(torch.zeros(d, FEATURES))
         self.background = nn.Parameter(torch.randn(height * width, width_of_node))
         self.color = PixelNet(width_of_node, (64, 64, 64), 3)
+        rows, columns = torch.linspace(-1.0, 1.0, height), torch.linspace(-1.0, 1.0, width)
+        places = torch.stack(torch.meshgrid(rows, columns, indexing="ij"), -1).flatten(0, 1)
         self.places: Tensor
-        self.register_buffer("places", pixel_places(height, width), persistent=False)
+        self.register_buffer("places", places, persistent=False)
         bound = (6 / (1 + FEATURES)) ** 0.5  # Xavier's, of one linear map 1 -> FEATURES a coordinate
         nn.init.uniform_(self.embed_weight, -bound, bound)
 
@@ -179,11 +149,42 @@ class AttentionDecoder(nn.Module):
         """Images in [0, 1]; a generator adds the noise of training to the logits."""
         logits = self.logits(z)
         if generator is not None and self.noise:
-            logits = logits + self.noise * _gumbel(logits, generator)
+            logits = logits + self.noise * _draw_gumbel(logits, generator)
         attention = logits.softmax(-1)
         embedded = (z[..., None] * self.embed_weight + self.embed_bias).unflatten(1, (self.n_nodes, -1))
         features = attention[..., :-1] @ embedded.flatten(2) + attention[..., -1:] * self.background
         return self.color(features, self.places).sigmoid().transpose(1, 2).unflatten(2, self.size)
+
+
+CLAMP = 1e-6  # of the uniform numbers behind Gumbel noise
+LARGEST_NOISE = 5.0
+LEAST_SCALE = 1e-3  # of that noise, at pixels where all logits are equal
+
+
+def _draw_gumbel(logits: Tensor, generator: torch.Generator) -> Tensor:
+    """Standard Gumbel noise times the spread of the logits of each pixel, without gradient."""
+    uniform = torch.rand(logits.shape, generator=generator).clamp(CLAMP, 1 - CLAMP)
+    noise = (-(-uniform.log()).log()).clamp(-LARGEST_NOISE, LARGEST_NOISE)
+    return logits.detach().std(-1, keepdim=True).clamp_min(LEAST_SCALE) * noise
+
+
+TINY = 1e-8  # added to the mass of a map and to other divisors
+NEAREST = 1e-6  # smallest distance of two points whose closing rate is measured
+
+
+def compute_attention_centres(maps: Maps, places: Places) -> Points:
+    """Centre of mass ``(y, x)`` of the squared maps."""
+    weight = maps.square()
+    return weight @ places / (weight.sum(-1, keepdim=True) + TINY)
+
+
+def compute_moving_centres(maps: Maps, rates: Maps, places: Places) -> tuple[Points, Points]:
+    """Centres of mass and their velocities [1/s], from the maps and their rates [1/s]."""
+    weight, change = maps.square(), 2.0 * maps * rates
+    mass = weight.sum(-1, keepdim=True) + TINY
+    moment = weight @ places
+    velocity = (change @ places * mass - moment * change.sum(-1, keepdim=True)) / mass.square()
+    return moment / mass, velocity
 
 
 def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tensor, "B G 2 d"]:
@@ -193,12 +194,6 @@ def compute_centre_jacobian(decoder: AttentionDecoder, z: Latents) -> Float[Tens
         return compute_attention_centres(decoder.maps(state[None]), decoder.places)[0]
 
     return torch.func.vmap(torch.func.jacrev(place))(z)
-
-
-TINY = 1e-8
-NEAREST = 1e-6  # smallest distance of two points whose closing rate is measured
-
-Points = Float[Tensor, "B G 2"]
 
 
 def penalize_unwarranted_change(map_rates: Maps, image_rates: Float[Tensor, "B 3 H W"]) -> Float[Tensor, ""]:
@@ -218,18 +213,10 @@ def compute_closing_rates(points: Points, velocities: Points) -> Float[Tensor, "
     """
     apart = points[:, :, None] - points[:, None]
     relative = velocities[:, :, None] - velocities[:, None]
-    distance = _norm(apart).clamp_min(NEAREST)
     speed = _norm(velocities)
     mean_speed = 0.5 * (speed[:, :, None] + speed[:, None])
-    along = (relative * apart).sum(-1) / distance
+    along = (relative * apart).sum(-1) / _norm(apart).clamp_min(NEAREST)
     return (along / mean_speed.clamp_min(TINY)).clamp(-1.0, 1.0)
-
-
-def measure_disagreement(first: Float[Tensor, "B G G"], second: Float[Tensor, "B G G"]) -> Float[Tensor, ""]:
-    """Mean squared difference over all ordered pairs of different nodes; zero for a single node."""
-    nodes = first.shape[1]
-    pairs = max(nodes * (nodes - 1), 1)
-    return (first - second).square().sum((1, 2)).mean() / pairs
 
 
 def _norm(vectors: Tensor) -> Tensor:
@@ -237,28 +224,7 @@ def _norm(vectors: Tensor) -> Tensor:
     return (vectors.square().sum(-1) + NEAREST**4).sqrt()
 
 
-Values = tuple[Tensor, ...]
-
-
-def directional_derivative(
-    function: Callable[[Tensor], Values], point: Tensor, direction: Tensor
-) -> tuple[Values, Values]:
-    """Values of ``function`` at ``point``, and their Jacobians times ``direction``.
-
-    Both can be differentiated again, with respect to the point, the direction and the function's parameters.
-    """
-    both = torch.func.jvp(function, (point,), (direction,))
-    return both[0], both[1]
-
-
-FEATURES = 8  # for each coordinate
-CLAMP = 1e-6  # of the uniform numbers behind Gumbel noise
-LARGEST_NOISE = 5.0
-LEAST_SCALE = 1e-3  # of that noise, at pixels where all logits are equal
-
-
-def _gumbel(logits: Tensor, generator: torch.Generator) -> Tensor:
-    """Standard Gumbel noise times the spread of the logits of each pixel, without gradient."""
-    uniform = torch.rand(logits.shape, generator=generator).clamp(CLAMP, 1 - CLAMP)
-    noise = (-(-uniform.log()).log()).clamp(-LARGEST_NOISE, LARGEST_NOISE)
-    return logits.detach().std(-1, keepdim=True).clamp_min(LEAST_SCALE) * noise
+def measure_disagreement(first: Float[Tensor, "B G G"], second: Float[Tensor, "B G G"]) -> Float[Tensor, ""]:
+    """Mean squared difference over all ordered pairs of different nodes; zero for a single node."""
+    nodes = first.shape[1]
+    return (first - second).square().sum((1, 2)).mean() / max(nodes * (nodes - 1), 1)

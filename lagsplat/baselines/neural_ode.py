@@ -16,10 +16,10 @@ from torch import Tensor, nn
 from torchdiffeq import odeint
 
 from lagsplat.baselines.config import OdeConfig
-from lagsplat.baselines.training import run_training
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
+from lagsplat.stage1.training import run_training
 
 KIND, SCHEMA = "neural_ode", 1
 EARLY = 0.25  # share of the full window length at the start of the training
@@ -76,10 +76,7 @@ def fit_ode(
     The training part is smoothed and its inputs are ignored. Windows grow from a quarter of
     ``config.periods`` natural periods to all of it. The loss is the squared distance in the metric, of the
     state and, in natural units, of the velocity. Unevenly spaced frames are interpolated first.
-
-    Args:
-        train, metric, config, seed: the training part, the weight of its coordinates, settings and seed.
-        checkpoint, identity: file to resume from, and the string that identifies the run in it.
+    ``identity`` identifies the run in the file ``checkpoint``.
 
     Raises:
         ValueError: no clip is as long as a window.
@@ -92,11 +89,16 @@ def fit_ode(
     longest = max(len(clip) for clip in clips)
     window = min(max(round(config.periods * 2 * np.pi * unit_s / train.dt_s) + 1, 4), longest)
     torch.manual_seed(seed)
-    shape = {"hidden": config.hidden, "layers": config.layers, "method": config.method}
-    ode = NeuralOde(train.latents.shape[1], **shape, time_unit_s=unit_s)  # type: ignore[arg-type]
+    ode = NeuralOde(
+        train.latents.shape[1],
+        hidden=config.hidden,
+        layers=config.layers,
+        method=config.method,
+        time_unit_s=unit_s,
+    )
     optimizer = torch.optim.Adam(ode.parameters(), lr=config.rate)
     weight = torch.from_numpy(np.kron(np.eye(2), metric))
-    _, curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
+    curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
 
     def take_step(step: int) -> np.ndarray:
         wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
@@ -120,18 +122,16 @@ def fit_ode(
             )
         return np.array([value])
 
-    save = None
-    if checkpoint:
-        save = partial(save_training_state, checkpoint, ode, optimizer, curve, identity=identity)
     run_training(
         take_step,
         curve,
         OdeCurvePoint,
+        n_steps=config.steps,
         n_terms=1,
-        ends=[config.steps],
         title="neural ODE",
-        save=save,
+        save=partial(save_training_state, checkpoint, ode, optimizer, curve, identity=identity),
         save_every_s=config.checkpoint_every_s,
+        ends=[config.steps],
     )
     return ode.eval(), curve
 

@@ -19,7 +19,6 @@ from lagsplat.baselines.networks import (
     AttentionDecoder,
     compute_closing_rates,
     compute_moving_centres,
-    directional_derivative,
     measure_disagreement,
     penalize_unwarranted_change,
 )
@@ -48,12 +47,6 @@ class BaselineLossTerms(NamedTuple):
     closing: Scalar
 
 
-def compute_image_rates(images: Images, dt_s: float) -> Images:
-    """Rates of change [1/s] of consecutive images: central differences, one-sided at both ends."""
-    (rates,) = torch.gradient(images, spacing=dt_s, dim=0)
-    return rates
-
-
 def compute_loss_terms(
     baseline: Baseline,
     scene: BaselineBatch,
@@ -67,23 +60,24 @@ def compute_loss_terms(
     the attention maps. ``closing_gradient`` is the share of the closing term's gradient that reaches them.
     """
     dt_s = baseline.architecture.dt_s
-    rates = compute_image_rates(scene.images, dt_s)
+    # central differences, one-sided at both ends [1/s]
+    (rates,) = torch.gradient(scene.images, spacing=dt_s, dim=0)
     mean, log_variance, moving = baseline.encoder.moving(scene.images, rates)
     velocity = moving.detach()
-    later, later_velocity = baseline.step(mean, velocity, scene.inputs)
-    zero = mean.new_zeros(())
-    attention = closing = steady = zero
+    later, later_velocity = baseline.dynamics(mean, velocity, scene.inputs)
+    attention = closing = steady = mean.new_zeros(())
     if isinstance(baseline.decoder, AttentionDecoder):
         attention, closing = _attention_terms(baseline.decoder, mean, moving, rates, closing_gradient)
     if isinstance(baseline.dynamics, Oscillators):
-        rest, _ = baseline.encoder(scene.rest_images)
-        steady = penalize_unsteadiness(baseline.dynamics, rest, scene.rest_inputs)
+        steady = _steady_term(baseline.dynamics, baseline.encoder(scene.rest_images)[0], scene.rest_inputs)
+    drawn = mean
+    if generator is not None:
+        drawn = mean + (0.5 * log_variance).exp() * torch.randn(mean.shape, generator=generator)
+    pictures = baseline.decoder(drawn, generator=generator)
     return BaselineLossTerms(
-        reconstruction=functional.mse_loss(
-            draw_batch(baseline, sample_latents(mean, log_variance, generator), generator), scene.images
-        ),
+        reconstruction=functional.mse_loss(pictures, scene.images),
         divergence=-0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean(),
-        ahead=functional.mse_loss(draw_batch(baseline, later[:-1], generator), scene.images[1:]),
+        ahead=functional.mse_loss(baseline.decoder(later[:-1], generator=generator), scene.images[1:]),
         latent=functional.mse_loss(later[:-1], mean[1:])
         + dt_s**2 * functional.mse_loss(later_velocity[:-1], velocity[1:]),
         steady=steady,
@@ -92,21 +86,7 @@ def compute_loss_terms(
     )
 
 
-def draw_batch(baseline: Baseline, z: Latents, generator: torch.Generator | None) -> Images:
-    """Images as rendered in training: with noise on the attention, where the decoder has attention."""
-    if isinstance(baseline.decoder, AttentionDecoder):
-        return baseline.decoder(z, generator=generator)
-    return baseline.decoder(z)
-
-
-def sample_latents(mean: Latents, log_variance: Latents, generator: torch.Generator | None) -> Latents:
-    """A draw from the encoded distribution, or its mean without a generator."""
-    if generator is None:
-        return mean
-    return mean + (0.5 * log_variance).exp() * torch.randn(mean.shape, generator=generator)
-
-
-def penalize_unsteadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
+def _steady_term(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
     """Distance of frames at rest from the rest of the law, and their motion in one step from standstill."""
     later, velocity = law(z, torch.zeros_like(z), u)
     off = (z - law.rest).square().mean() + (later - law.rest).square().mean()
@@ -114,22 +94,17 @@ def penalize_unsteadiness(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
 
 
 def _attention_terms(
-    decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, closing_gradient: float
+    decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, share: float
 ) -> tuple[Scalar, Scalar]:
-    (maps,), (map_rates,) = directional_derivative(lambda z: (decoder.maps(z),), z, velocity)
+    maps, map_rates = torch.func.jvp(decoder.maps, (z,), (velocity,))
     attention = penalize_unwarranted_change(map_rates, rates)
     if decoder.group != 2:
         return attention, z.new_zeros(())
-    drawn = compute_moving_centres(
-        soften(maps, closing_gradient), soften(map_rates, closing_gradient), decoder.places
-    )
-    planar = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
-    return attention, measure_disagreement(compute_closing_rates(*planar), compute_closing_rates(*drawn))
-
-
-def soften(value: Tensor, share: float) -> Tensor:
-    """The same value with a ``share`` of its gradient."""
-    return share * value + (1.0 - share) * value.detach()
+    # the same values with a share of their gradient
+    softened = [share * value + (1.0 - share) * value.detach() for value in (maps, map_rates)]
+    centres = compute_moving_centres(*softened, decoder.places)
+    nodes = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
+    return attention, measure_disagreement(compute_closing_rates(*nodes), compute_closing_rates(*centres))
 
 
 def total_loss(terms: BaselineLossTerms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
@@ -143,9 +118,6 @@ def total_loss(terms: BaselineLossTerms, weights: BaselineLossConfig, *, closing
         + weights.attention * terms.attention
         + closing * terms.closing
     )
-
-
-WARMED = ("encoder", "dynamics")
 
 
 def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> torch.optim.AdamW:
@@ -163,17 +135,14 @@ def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> t
 
 def set_rates(optimizer: torch.optim.Optimizer, config: BaselineRateConfig, *, step: int, steps: int) -> None:
     """Set the step sizes: warm-up in steps for the encoder and the dynamics, then one drop for all parts."""
-    for group in optimizer.param_groups:
-        warmed = group["part"] in WARMED
-        group["lr"] = config.peak * _factor(config, step / steps, warmed=warmed)
-
-
-def _factor(config: BaselineRateConfig, progress: float, *, warmed: bool) -> float:
+    progress, warmup = step / steps, 1.0
     factor = config.drop_factor if progress >= config.drop_at + config.warmup else 1.0
-    if warmed and progress < config.warmup:
+    if progress < config.warmup:
         stair = math.floor(config.warmup_stairs * progress / config.warmup)
-        factor *= config.warmup_start + (1 - config.warmup_start) * stair / config.warmup_stairs
-    return factor
+        warmup = config.warmup_start + (1 - config.warmup_start) * stair / config.warmup_stairs
+    for group in optimizer.param_groups:
+        warmed = group["part"] in ("encoder", "dynamics")
+        group["lr"] = config.peak * (factor * warmup if warmed else factor)
 
 
 def closing_term_weight(config: BaselineLossConfig, *, step: int, steps: int) -> float:

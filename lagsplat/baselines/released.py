@@ -14,7 +14,6 @@ import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -31,24 +30,37 @@ BACKGROUND = {"oscillators": 1.0, "koopman": 3.0}
 PARTS = ("vae_state_dict", "latent_dynamics_state_dict")
 UNUSED = ("decoder.coord_scale", "decoder.coord_rotation", "decoder.coord_bias")  # of an untrained variant
 
-LAYERS = {
-    "encoder": {"convolutions.0": "0", "convolutions.1": "2", "convolutions.2": "4", "head": "7"},
-    "deconv": {"expand": "0", "convolutions.0": "2", "convolutions.1": "4", "convolutions.2": "6"},
+LAYERS: dict[str, dict[str, str]] = {
+    "encoder": {f"convolutions.{i}": f"encoder.{2 * i}" for i in range(3)} | {"head": "encoder.7"},
+    "deconv": {"expand": "decoder.0"} | {f"convolutions.{i}": f"decoder.{2 * i + 2}" for i in range(3)},
     "abcd": {
-        f"{ours}.layers.{layer}": f"{theirs}.{2 * layer}"
+        f"{ours}.layers.{i}": f"decoder.{theirs}.{2 * i}"
         for ours, theirs in (("attention", "attention_net"), ("color", "decoder"))
-        for layer in range(4)
+        for i in range(4)
+    },
+    "koopman": {f"increment.{i}": f"control_to_state.{2 * i}" for i in range(2)},
+    "oscillators": {f"force.{i}": f"osc_net.control_to_state.{2 * i}" for i in range(3)},
+}
+"""Our name and the published one of each layer, which has a weight and a bias, by part or its kind."""
+BACKGROUND_FEATURES, EXPANDERS = "decoder.background_features", "decoder.latent_expanders"
+TENSORS: dict[str, dict[str, str]] = {
+    "abcd": {
+        "background": BACKGROUND_FEATURES,
+        "embed_weight": f"{EXPANDERS}.*.weight",
+        "embed_bias": f"{EXPANDERS}.*.bias",
+    },
+    "koopman": {"matrix": "K"},
+    "oscillators": {
+        "inverse_mass_raw": "osc_net.minv_diag_raw",
+        "mass_scale": "osc_net.m_scale",
+        "stiffness_scale": "osc_net.k_scale",
+        "mass_damping": "osc_net.alpha_raw",
+        "stiffness_damping": "osc_net.beta_raw",
+        "coupling_raw": "osc_net.k_raw",
+        "ground_raw": "osc_net.k_ground_raw",
     },
 }
-OSCILLATORS = {
-    "inverse_mass_raw": "osc_net.minv_diag_raw",
-    "mass_scale": "osc_net.m_scale",
-    "stiffness_scale": "osc_net.k_scale",
-    "mass_damping": "osc_net.alpha_raw",
-    "stiffness_damping": "osc_net.beta_raw",
-    "coupling_raw": "osc_net.k_raw",
-    "ground_raw": "osc_net.k_ground_raw",
-}
+"""The same for every other tensor."""
 
 
 def load_released(path: str | os.PathLike[str]) -> tuple[Baseline, int]:
@@ -65,28 +77,33 @@ def load_released(path: str | os.PathLike[str]) -> tuple[Baseline, int]:
             "checkpoint of the baselines. Give a file model_checkpoint.pt of their repository"
         )
     images, law = (content[part] for part in PARTS)
-    architecture = _architecture(path, images, law)
+    architecture = _read_architecture(path, images, law)
+    if architecture.decoder == "abcd":
+        images = _arrange_attention(images, architecture.d)
+    names = _list_names(architecture)
     baseline = Baseline(architecture)
-    tensors = _renamed(images, law, architecture)
-    _fill(path, baseline, tensors)
-    _require_all_read(path, images, tensors)
+    _fill(path, baseline, names, {**images, **law})
+    if left := [name for name in images if name not in {*names.values(), *UNUSED}]:
+        raise ValueError(
+            f"{path}: {len(left)} tensor(s) that this model has no place for, the first {left[0]!r}; the "
+            "file is of another version, and reading part of it would be another model"
+        )
     return baseline.eval(), int(content.get("epoch", -1))
 
 
-def _architecture(
+def _read_architecture(
     path: object, images: Mapping[str, Tensor], law: Mapping[str, Tensor]
 ) -> BaselineArchitecture:
-    head, fed = images.get("encoder.7.bias"), "control_to_state.0.weight"
     dynamics = "koopman" if "K" in law else "oscillators"
-    first = law.get(fed if dynamics == "koopman" else f"osc_net.{fed}")
+    head_name, first_name = "encoder.7.bias", f"{next(iter(LAYERS[dynamics].values()))}.weight"
+    head, first = images.get(head_name), law.get(first_name)
     if head is None or first is None:
-        lacking = "'encoder.7.bias'" if head is None else f"'{fed}'"
         raise ValueError(
-            f"{path}: no tensor {lacking}, which gives the size of the model; the file is of another version "
-            "of the baselines, only those with delayed pressures are read"
+            f"{path}: no tensor {head_name if head is None else first_name!r}, which gives the size of the "
+            "model; the file is of another version, only those with delayed pressures are read"
         )
     return BaselineArchitecture(
-        decoder="abcd" if "decoder.background_features" in images else "deconv",
+        decoder="abcd" if BACKGROUND_FEATURES in images else "deconv",
         dynamics=dynamics,
         d=len(head) // 2,
         n_inputs=first.shape[1] // SAMPLES,
@@ -99,74 +116,47 @@ def _architecture(
     )
 
 
-def _renamed(
-    images: Mapping[str, Tensor], law: Mapping[str, Tensor], architecture: BaselineArchitecture
-) -> dict[str, tuple[str, Tensor | None]]:
-    """Our name of every weight, with the published name and its value."""
-    names: dict[str, tuple[str, Mapping[str, Tensor]]] = {}
-    for part, kind in (("encoder", "encoder"), ("decoder", architecture.decoder)):
-        for ours, theirs in LAYERS[kind].items():
-            for what in ("weight", "bias"):
-                names[f"{part}.{ours}.{what}"] = (f"{part}.{theirs}.{what}", images)
-    if architecture.decoder == "abcd":
-        names["decoder.background"] = ("decoder.background_features", images)
-    names |= {ours: (theirs, law) for ours, theirs in _law_names(architecture).items()}
-    tensors: dict[str, tuple[str, Tensor | None]] = {
-        ours: (theirs, source.get(theirs)) for ours, (theirs, source) in names.items()
-    }
-    if architecture.decoder == "abcd":
-        for what in ("weight", "bias"):
-            each = [f"decoder.latent_expanders.{i}.{what}" for i in range(architecture.d)]
-            rows = [images[name].reshape(-1) for name in each if name in images]
-            complete = torch.stack(rows) if len(rows) == architecture.d else None
-            tensors[f"decoder.embed_{what}"] = (each[0][: each[0].rindex("0")] + f"*.{what}", complete)
+def _arrange_attention(images: Mapping[str, Tensor], d: int) -> dict[str, Tensor]:
+    """The tensors with rows of pixels in place of an image, and all expanders, if complete, in one."""
+    tensors = {name: value for name, value in images.items() if not name.startswith(EXPANDERS)}
+    tensors[BACKGROUND_FEATURES] = images[BACKGROUND_FEATURES][0].flatten(1).T
+    for what in ("weight", "bias"):
+        each = [f"{EXPANDERS}.{i}.{what}" for i in range(d)]
+        if all(name in images for name in each):
+            tensors[f"{EXPANDERS}.*.{what}"] = torch.stack([images[name].reshape(-1) for name in each])
     return tensors
 
 
-def _law_names(architecture: BaselineArchitecture) -> dict[str, str]:
-    if architecture.dynamics == "koopman":
-        names, layers, prefix = {"matrix": "K"}, ("increment", 2), ""
-    else:
-        names, layers, prefix = dict(OSCILLATORS), ("force", 3), "osc_net."
-        if architecture.decoder == "abcd":
-            names["rest"] = "osc_net.x0"
-    ours, count = layers
-    for layer in range(count):
-        for what in ("weight", "bias"):
-            names[f"{ours}.{layer}.{what}"] = f"{prefix}control_to_state.{2 * layer}.{what}"
-    return {f"dynamics.{name}": theirs for name, theirs in names.items()}
+def _list_names(architecture: BaselineArchitecture) -> dict[str, str]:
+    """The published name of each of our tensors."""
+    names = {}
+    parts = {"encoder": "encoder", "decoder": architecture.decoder, "dynamics": architecture.dynamics}
+    for part, kind in parts.items():
+        for ours, theirs in LAYERS[kind].items():
+            names[f"{part}.{ours}.weight"] = f"{theirs}.weight"
+            names[f"{part}.{ours}.bias"] = f"{theirs}.bias"
+        names |= {f"{part}.{ours}": theirs for ours, theirs in TENSORS.get(kind, {}).items()}
+    if (architecture.decoder, architecture.dynamics) == ("abcd", "oscillators"):
+        names["dynamics.rest"] = "osc_net.x0"
+    return names
 
 
-def _fill(path: object, baseline: Baseline, tensors: Mapping[str, tuple[str, Tensor | None]]) -> None:
-    wanted = baseline.state_dict()
-    for ours, (theirs, value) in tensors.items():
-        if value is None:
+def _fill(path: object, baseline: Baseline, names: dict[str, str], tensors: Mapping[str, Tensor]) -> None:
+    weights = baseline.state_dict()
+    for ours, theirs in names.items():
+        if theirs not in tensors:
             raise ValueError(
                 f"{path}: no tensor {theirs!r}, which a model of {baseline.architecture} has; the file is "
                 "cut or of another version. Fetch it again"
             )
-        if theirs == "decoder.background_features":
-            value = value[0].flatten(1).T  # theirs are images, ours rows of pixels
-        shape = wanted[ours].shape
+        value, shape = tensors[theirs], weights[ours].shape
         if value.numel() != math.prod(shape) or (value.ndim == len(shape) and value.shape != shape):
             raise ValueError(
                 f"{path}: tensor {theirs!r} is of shape {tuple(value.shape)}, but a model of "
                 f"{baseline.architecture} takes {tuple(shape)}; the file is of another version"
             )
-        wanted[ours] = value.reshape(shape).to(wanted[ours].dtype)
-    baseline.load_state_dict(wanted)
-
-
-def _require_all_read(
-    path: object, images: Mapping[str, Any], tensors: Mapping[str, tuple[str, Tensor | None]]
-) -> None:
-    read = {theirs for theirs, _ in tensors.values()} | set(UNUSED)
-    left = [name for name in images if name not in read and not name.startswith("decoder.latent_expanders.")]
-    if left:
-        raise ValueError(
-            f"{path}: {len(left)} tensor(s) that this model has no place for, the first {left[0]!r}; the "
-            "file is of another version, and reading part of it would be another model"
-        )
+        weights[ours] = value.reshape(shape).to(weights[ours].dtype)
+    baseline.load_state_dict(weights)
 
 
 COMMIT = "ef8c5b3f86d02e25c96461d06a8069e45f0d608f"
@@ -175,51 +165,37 @@ NOTICE = (
     "These weights are of another project, whose repository carries no licence: keep them to yourself. "
     f"Source: {ADDRESS}"
 )
-FILES: dict[tuple[str, str], tuple[str, str]] = {
-    ("krauss_1seg", "osc_deconv"): (
-        "20251028_1647_scr_match_1seg_harmonic1d/epoch_300",
-        "8a6aa01a9cea79dd460f2a45a596e1f3d2da8d346d6c7d933be82f2f6b7193c3",
-    ),
-    ("krauss_1seg", "osc_abcd"): (
-        "20251029_0441_scr_match_1seg_harmonic2d_vel_attn/further/epoch_300",
-        "8d298014ed2f141fd8756f5cb6d453a7c1c30c8fdf0d54d55f23c61c18f058db",
-    ),
-    ("krauss_1seg", "koopman_deconv"): (
-        "20251028_1647_scr_match_1seg_koopman/epoch_300",
-        "b35db51a4940264405bc591876653b4e4891d0eb32512d243061ca6388bc702b",
-    ),
-    ("krauss_1seg", "koopman_abcd"): (
-        "20251029_1505_scr_match_1seg_koopman_attn/epoch_300",
-        "ba25d8c76e55f9c809136e506a34fbf6506159ab68fc03a0edf113b4f087d8e2",
-    ),
-    ("krauss_2seg", "osc_deconv"): (
-        "20251028_1647_scr_match_2seg_harmonic1d/epoch_300",
-        "0fdc0c2b318ce0de37bb487821046d7c07442278d16d462399bb339ab3b3744f",
-    ),
-    ("krauss_2seg", "osc_abcd"): (
-        "20251029_1507_scr_match_2seg_harmonic2d_vel_attn/further/epoch_300",
-        "1e094fbfb29a8169bb1bfc39f472abd97a2638c6bab71ed4644976d48bac654e",
-    ),
-    ("krauss_2seg", "koopman_deconv"): (
-        "20251028_1647_scr_match_2seg_koopman/epoch_300",
-        "ba8aa6f98d57cca6270ff2ffa25fe4ec2e2e24665217a7cd2b3dfd1cee8fbab6",
-    ),
-    ("krauss_2seg", "koopman_abcd"): (
-        "20251029_1506_scr_match_2seg_koopman_attn/epoch_300",
-        "648fcaf8d2b94824454a20b63092689e6f773f2ec9a1b427a01572ff883a3b37",
-    ),
+RUNS = {
+    ("krauss_1seg", "osc_deconv"): "20251028_1647_scr_match_1seg_harmonic1d/epoch_300",
+    ("krauss_1seg", "osc_abcd"): "20251029_0441_scr_match_1seg_harmonic2d_vel_attn/further/epoch_300",
+    ("krauss_1seg", "koopman_deconv"): "20251028_1647_scr_match_1seg_koopman/epoch_300",
+    ("krauss_1seg", "koopman_abcd"): "20251029_1505_scr_match_1seg_koopman_attn/epoch_300",
+    ("krauss_2seg", "osc_deconv"): "20251028_1647_scr_match_2seg_harmonic1d/epoch_300",
+    ("krauss_2seg", "osc_abcd"): "20251029_1507_scr_match_2seg_harmonic2d_vel_attn/further/epoch_300",
+    ("krauss_2seg", "koopman_deconv"): "20251028_1647_scr_match_2seg_koopman/epoch_300",
+    ("krauss_2seg", "koopman_abcd"): "20251029_1506_scr_match_2seg_koopman_attn/epoch_300",
 }
-"""Run and SHA-256 of the weights of each system and each choice of ``conf/baseline``."""
+"""Folder of the weights of each system and each choice of ``conf/baseline``."""
+SHA256 = {
+    ("krauss_1seg", "osc_deconv"): "8a6aa01a9cea79dd460f2a45a596e1f3d2da8d346d6c7d933be82f2f6b7193c3",
+    ("krauss_1seg", "osc_abcd"): "8d298014ed2f141fd8756f5cb6d453a7c1c30c8fdf0d54d55f23c61c18f058db",
+    ("krauss_1seg", "koopman_deconv"): "b35db51a4940264405bc591876653b4e4891d0eb32512d243061ca6388bc702b",
+    ("krauss_1seg", "koopman_abcd"): "ba25d8c76e55f9c809136e506a34fbf6506159ab68fc03a0edf113b4f087d8e2",
+    ("krauss_2seg", "osc_deconv"): "0fdc0c2b318ce0de37bb487821046d7c07442278d16d462399bb339ab3b3744f",
+    ("krauss_2seg", "osc_abcd"): "1e094fbfb29a8169bb1bfc39f472abd97a2638c6bab71ed4644976d48bac654e",
+    ("krauss_2seg", "koopman_deconv"): "ba8aa6f98d57cca6270ff2ffa25fe4ec2e2e24665217a7cd2b3dfd1cee8fbab6",
+    ("krauss_2seg", "koopman_abcd"): "648fcaf8d2b94824454a20b63092689e6f773f2ec9a1b427a01572ff883a3b37",
+}
 
 
 def release_url(system: str, baseline: str) -> str:
     """Address of the published weights of ``baseline`` for ``system``."""
-    return f"{ADDRESS}/{FILES[system, baseline][0]}/model_checkpoint.pt"
+    return f"{ADDRESS}/{RUNS[system, baseline]}/model_checkpoint.pt"
 
 
 def fetch_weights(folder: str | os.PathLike[str]) -> list[Path]:
     """All published weights as ``folder/SYSTEM/BASELINE.pt``, for ``baseline.weights=folder``; checked."""
     return [
         download(release_url(system, name), Path(folder) / system / f"{name}.pt", sha256=digest)
-        for (system, name), (_, digest) in FILES.items()
+        for (system, name), digest in SHA256.items()
     ]

@@ -1,14 +1,11 @@
 """The training loop of stage 1."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Latents, Series
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
@@ -19,11 +16,11 @@ from lagsplat.stage1.densification import densify_and_prune, is_due
 from lagsplat.stage1.encoder import measure_small_moves
 from lagsplat.stage1.gaussian_initialization import initialize_gaussians
 from lagsplat.stage1.objective import NovelViewTargets, make_optimizer, reconstruct, set_rates
+from lagsplat.stage1.training import run_training
 from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
-CURVE_POINTS = 400  # rows of the training curve, whatever the length of the run
 PROBED = 16  # frames of a batch on which the step of the latents is measured
 
 
@@ -72,30 +69,36 @@ def fit_autoencoder(
     footage = TrainingFrames(frames, device=device, latents=latents, novel=novel, supervision=supervision)
     autoencoder = initialize_gaussians(footage, config, seed=seed).to(device)
     optimizer = make_optimizer(autoencoder, config.rate)
-    first, curve = load_training_state(
-        checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity
+    curve = load_training_state(checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity)
+    recycled = 0
+
+    def take_step(step: int) -> np.ndarray:
+        nonlocal recycled
+        rng = np.random.default_rng([seed, step])
+        picked = rng.integers(len(footage), size=config.batch)
+        batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
+        set_rates(optimizer, config.rate, step=step, steps=config.steps)
+        terms = train_step(autoencoder, optimizer, batch, config, step, known, sides)
+        if is_due(config.lifecycle, step=step, steps=config.steps):
+            recycled += densify_and_prune(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
+        return terms
+
+    def make_point(step: int, loss: float, l1: float, mse: float, _: float) -> TrainingCurvePoint:
+        nonlocal recycled
+        recycled, since_last_point = 0, recycled
+        return TrainingCurvePoint(step, loss, l1, mse, since_last_point)
+
+    run_training(
+        take_step,
+        curve,
+        make_point,
+        n_steps=config.steps,
+        n_terms=3,
+        title="stage 1",
+        save=partial(save_training_state, checkpoint, autoencoder, optimizer, curve, identity=identity),
+        save_every_s=config.checkpoint_every_s,
+        images_per_step=config.batch,
     )
-    sums, counted, recycled, saved_at = np.zeros(3), 0, 0, time.monotonic()
-    with progress(first, config.steps, config.batch) as bar:
-        for step in range(first, config.steps):
-            rng = np.random.default_rng([seed, step])
-            picked = rng.integers(len(footage), size=config.batch)
-            batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
-            set_rates(optimizer, config.rate, step=step, steps=config.steps)
-            sums += train_step(autoencoder, optimizer, batch, config, step, known, sides)
-            counted += 1
-            if is_due(config.lifecycle, step=step, steps=config.steps):
-                recycled += densify_and_prune(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
-            bar.update(config.batch)
-            if (step + 1) % max(1, config.steps // CURVE_POINTS) == 0:
-                loss, l1, mse = (sums / counted).tolist()
-                curve.append(TrainingCurvePoint(step + 1, loss, l1, mse, recycled))
-                bar.set_postfix(loss=f"{curve[-1].loss:.4g}", mse=f"{curve[-1].mse:.3g}")
-                sums, counted, recycled = np.zeros(3), 0, 0
-                # The running means are empty only here, so a checkpoint need not hold them.
-                if checkpoint and time.monotonic() - saved_at > config.checkpoint_every_s:
-                    save_training_state(checkpoint, autoencoder, optimizer, curve, identity=identity)
-                    saved_at = time.monotonic()
     return autoencoder.eval(), curve
 
 
@@ -133,17 +136,3 @@ def train_step(
             f"Lower stage1.rate.* (now {config.rate}) or look for broken frames with `lagsplat inspect`"
         )
     return values
-
-
-@contextmanager
-def progress(first: int, steps: int, batch: int) -> Iterator[tqdm]:
-    """Progress bar that counts images, with their rate and the time left."""
-    with tqdm(
-        total=steps * batch,
-        initial=first * batch,
-        unit="image",
-        unit_scale=True,
-        desc="stage 1",
-        mininterval=1.0,
-    ) as bar:
-        yield bar

@@ -19,10 +19,10 @@ from lagsplat.baselines.keypoints.model import (
     scatter_points,
     wrap_angle,
 )
-from lagsplat.baselines.training import run_training
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
+from lagsplat.stage1.training import run_training
 
 log = logging.getLogger(__name__)
 FRESH_NEIGHBOURS = 100  # steps between two searches for the nearest key points
@@ -233,7 +233,8 @@ def fit_forecaster(
         return ForecasterCurvePoint(step, choose_moment(config, step - 1).phase, loss, error, seconds)
 
     def save() -> None:
-        assert checkpoint is not None
+        if checkpoint is None:
+            return
         state = {
             "forecaster": forecaster.state_dict(),
             "optimizer": fitting.optimizer.state_dict(),
@@ -246,11 +247,12 @@ def fit_forecaster(
         take_step,
         curve,
         make_point,
+        n_steps=config.n_steps,
         n_terms=2,
-        ends=np.cumsum([config.steps[phase] for phase in PHASES]).tolist(),
         title="forecaster",
-        save=save if checkpoint else None,
+        save=save,
         save_every_s=config.checkpoint_every_s,
+        ends=np.cumsum([config.steps[phase] for phase in PHASES]).tolist(),
     )
     return forecaster.eval(), curve
 

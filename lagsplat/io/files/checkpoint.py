@@ -23,17 +23,18 @@ P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve; the first 
 
 
 def save_training_state(
-    path: Path,
+    path: Path | None,
     model: torch.nn.Module,
     optimizer: torch.optim.Optimizer,
     curve: Sequence[P],
     *,
     identity: str,
 ) -> None:
-    """Write the state of a training run at the last point of its curve."""
+    """Write the state of a training run at the last point of its curve; no path, no file."""
     points = [tuple(point) for point in curve]
     state = {"model": model.state_dict(), "optimizer": optimizer.state_dict(), "curve": points}
-    save_checkpoint(path, state, identity=identity)
+    if path is not None:
+        save_checkpoint(path, state, identity=identity)
 
 
 def load_training_state(
@@ -43,19 +44,16 @@ def load_training_state(
     point: Callable[..., P],
     *,
     identity: str,
-) -> tuple[int, list[P]]:
-    """Restore the state from :func:`save_training_state` if there is one.
-
-    Returns the number of steps done and the curve so far.
-    """
+) -> list[P]:
+    """Restore the state from :func:`save_training_state` if there is one; return the curve so far."""
     state = load_checkpoint(path, identity=identity) if path else None
     if state is None:
-        return 0, []
+        return []
     model.load_state_dict(state["model"])
     optimizer.load_state_dict(state["optimizer"])
     curve = [point(*row) for row in state["curve"]]
     log.info("going on from %s at step %d", path, curve[-1][0])
-    return curve[-1][0], curve
+    return curve
 
 
 def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None:

@@ -33,7 +33,7 @@ def test_published_weights_take_the_place_of_a_training(tmp_path):
 
 def test_every_choice_has_published_weights_of_both_arms():
     found = {(system, name) for system in ("krauss_1seg", "krauss_2seg") for name in options("baseline")}
-    assert set(publication.FILES) == found
+    assert set(publication.RUNS) == set(publication.SHA256) == found
     assert publication.release_url("krauss_1seg", "osc_abcd").endswith(
         "/further/epoch_300/model_checkpoint.pt"
     )

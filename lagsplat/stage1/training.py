@@ -1,4 +1,4 @@
-"""The loop that trains every baseline: steps, curve, progress bar and checkpoints."""
+"""The training loop of stage 1 and of the baselines: steps, curve, progress bar and checkpoints."""
 
 import time
 from collections.abc import Callable, Collection
@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 CURVE_POINTS = 400  # rows of the training curve, for a run of any length
-P = TypeVar("P", bound=tuple[Any, ...])  # a row of the curve: its first field is the step, its last the time
+P = TypeVar("P", bound=tuple[Any, ...])  # a row of the curve; its first field is the step
 
 
 def run_training(
@@ -16,37 +16,44 @@ def run_training(
     curve: list[P],
     make_point: Callable[..., P],
     *,
+    n_steps: int,
     n_terms: int,
-    ends: Collection[int],
     title: str,
-    save: Callable[[], None] | None,
+    save: Callable[[], None],
     save_every_s: float,
+    ends: Collection[int] = (),
+    images_per_step: int | None = None,
 ) -> None:
     """Take the steps that are left of a run, and extend its curve by the means since the previous point.
 
     Args:
         take_step: takes a step and returns its terms, the loss first; None counts in no mean.
         curve, make_point: points of an interrupted run, and what makes one of a number of steps, the means
-            and the total seconds of training without interruptions.
-        n_terms, ends: number of terms, and steps that end a phase and so have a point; the last ends the run.
-        title, save, save_every_s: of the progress bar; writes a checkpoint, and how often [s].
+            and the total seconds of training, those in the last point's ``seconds`` included.
+        n_steps, n_terms, title: of the whole run, of a step, of the progress bar.
+        save, save_every_s: writes a checkpoint, and how often [s].
+        ends: steps that get a point in any case.
+        images_per_step: makes the progress bar count images; it counts steps otherwise.
     """
-    first, spent = (curve[-1][0], curve[-1][-1]) if curve else (0, 0.0)
-    n_steps, sums, counted = max(ends), np.zeros(n_terms), 0
-    saved_at = resumed_at = time.monotonic()
-    with tqdm(total=n_steps, initial=first, unit="step", desc=title, mininterval=1.0) as bar:
+    first = curve[-1][0] if curve else 0
+    sums, counted = np.zeros(n_terms), 0
+    saved_at = time.monotonic()
+    started_at = saved_at - (getattr(curve[-1], "seconds", 0.0) if curve else 0.0)
+    size = images_per_step or 1
+    unit = "step" if images_per_step is None else "image"
+    with tqdm(total=n_steps * size, initial=first * size, unit=unit, desc=title, mininterval=1.0) as bar:
         for step in range(first, n_steps):
             terms = take_step(step)
             if terms is not None:
                 sums, counted = sums + terms, counted + 1
-            bar.update()
+            bar.update(size)
             if (step + 1) % max(1, n_steps // CURVE_POINTS) and step + 1 not in ends:
                 continue
             means = sums / counted if counted else np.full(n_terms, np.nan)
-            curve.append(make_point(step + 1, *means.tolist(), spent + time.monotonic() - resumed_at))
+            curve.append(make_point(step + 1, *means.tolist(), time.monotonic() - started_at))
             bar.set_postfix(loss=means[0])
             sums, counted = np.zeros(n_terms), 0
             # The running means are empty only here, so a checkpoint need not hold them.
-            if save and time.monotonic() - saved_at > save_every_s:
+            if time.monotonic() - saved_at > save_every_s:
                 save()
                 saved_at = time.monotonic()
