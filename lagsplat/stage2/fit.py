@@ -16,14 +16,7 @@ from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, linearize_modes
-from lagsplat.stage2.training import (
-    CurveRow,
-    FitReport,
-    one_step_stage,
-    shooting_stage,
-    start_fit,
-    start_stage,
-)
+from lagsplat.stage2.training import CurveRow, DynamicsFit, FitReport
 
 KIND = "dynamics"
 SCHEMA = 3
@@ -45,14 +38,8 @@ def fit_dynamics(
     the candidate with the smallest rollout error over the clip, including the start, so that no stage can
     make it worse.
 
-    Args:
-        trajectory: smoothed training trajectory.
-        metric: visibility metric without ridge.
-        config: settings of the fit.
-        seed: seed of the weights and of the batches.
-        rest: encoding of the rest image.
-        geometry: geometry of the decoder, for an induced mass.
-        on_candidate: called with every scored candidate.
+    ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image, ``geometry``
+    that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate.
 
     Raises:
         ValueError: segments too short for a window, latents that do not move, or a missing geometry.
@@ -60,22 +47,22 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    state = start_fit(trajectory, metric, config, seed, on_candidate)
-    lagrangian = start_stage(state, torch.from_numpy(rest), seed, geometry)
-    state.score_candidate(lagrangian, "start", 0, float("nan"))
-    state.report.scores["start"] = state.best.score
-    one_step_stage(state, lagrangian)
-    state.report.scores["one_step"] = state.best.score
-    shooting_stage(state, lagrangian)
-    state.report.scores["shooting"] = state.best.score
-    state.best.restore(lagrangian)
-    report = state.report
-    report.rejected = state.best.rejected
+    fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
+    report, best = fit.report, fit.best
+    lagrangian = fit.start(torch.from_numpy(rest), geometry)
+    fit.score_candidate(lagrangian, "start", 0, float("nan"))
+    report.scores["start"] = best.score
+    fit.train_on_steps(lagrangian)
+    report.scores["one_step"] = best.score
+    fit.train_on_rollouts(lagrangian)
+    report.scores["shooting"] = best.score
+    best.restore(lagrangian)
+    report.rejected = best.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
     report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
     report.under_mean_input = linearize_modes(lagrangian, mean_input)
-    report.wall_s = time.perf_counter() - state.started_s
+    report.wall_s = time.perf_counter() - fit.started_s
     return lagrangian, report
 
 

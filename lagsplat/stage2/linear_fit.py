@@ -18,7 +18,7 @@ from torch import Tensor
 from lagsplat.stage2.config import FloorConfig
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, stiffen, stiffness_penalty
 from lagsplat.stage2.lagrangian import Coefficients, Floors
-from lagsplat.stage2.objective import square_norm
+from lagsplat.stage2.objective import square_norm, window_error
 from lagsplat.stage2.rollout import ShootingTargets, ShootingWindows, Step, choose_step, split_inputs
 
 FAST_RATE_WEIGHT = 1e-2
@@ -153,9 +153,7 @@ def evaluate_one_step_error(
         push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
         state = torch.cat([windows.q, windows.v], 1) @ transition + push @ entry
         q, v = state.split(d, 1)
-    position = square_norm(q - windows.q_next, metric)
-    velocity = square_norm(h * (v - windows.v_next), metric)
-    return (position + velocity_weight * velocity).mean() / d
+    return window_error(windows, q, v, metric, velocity_weight=velocity_weight)
 
 
 def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
@@ -177,9 +175,12 @@ def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, 
 def evaluate_shooting_error(
     c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
 ) -> Float[Tensor, ""]:
-    """Compute `objective.shooting_error` of a constant system plus its small penalties."""
+    """Compute `objective.shooting_error` of a constant system plus its small penalties.
+
+    Steps of equal length of a linear system are one matrix; others are taken one by one.
+    """
     d = metric.shape[0]
-    if isinstance(shots.steps, Tensor):
+    if isinstance(shots.steps, Tensor) or c.input_stiffness is not None:
         return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
     pieces = split_inputs(shots.steps, longest_step)
     step_transition, step_entry = assemble_step_matrices(c, shots.steps / pieces)
@@ -195,14 +196,6 @@ def evaluate_shooting_error(
         state = torch.addmm(drive[:, i], state, transition)
         path.append(state)
     return _add_penalties(torch.stack(path, 1)[:, :, :d], c, shots, metric)
-
-
-def evaluate_stiffened_shooting_error(
-    c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
-) -> Float[Tensor, ""]:
-    """Compute the shooting error where the volumes have curvatures, by velocity-Verlet steps."""
-    assert c.input_stiffness is not None, "call `ConstantFit.add_input_stiffness` first"
-    return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
 
 
 def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from lagsplat.array_types import Latents
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import (
@@ -42,13 +43,20 @@ def square_norm(error: Float[Tensor, "*B d"], metric: Float[Tensor, "d d"]) -> F
 def one_step_error(
     lagrangian: Lagrangian, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
 ) -> Float[Tensor, ""]:
-    """Compute the mean error of one velocity-Verlet step: position plus velocity times the step.
+    """Compute the mean error of one velocity-Verlet step, see `window_error`.
 
     Source: paper eq. (physics_loss).
     """
     q, v = verlet_step(
         lagrangian, windows.q, windows.v, windows.u, step=windows.step, ready=lagrangian.prepare()
     )
+    return window_error(windows, q, v, metric, velocity_weight=velocity_weight)
+
+
+def window_error(
+    windows: ShootingWindows, q: Latents, v: Latents, metric: Float[Tensor, "d d"], *, velocity_weight: float
+) -> Float[Tensor, ""]:
+    """Compute the mean error of forecasts ``q`` and ``v``: position plus velocity times the step."""
     position = square_norm(q - windows.q_next, metric)
     velocity = square_norm(windows.step * (v - windows.v_next), metric)
     return (position + velocity_weight * velocity).mean() / metric.shape[0]

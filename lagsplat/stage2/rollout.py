@@ -30,12 +30,7 @@ def rollout(
     Input ``i`` is constant from state ``i`` to ``i + 1``; the last one is unused. Divergence never raises: a
     row that overflows is NaN from there on.
 
-    Args:
-        lagrangian: the law.
-        q0: first states.
-        v0: first velocities [1/s].
-        inputs: inputs at the instants.
-        dt_s: time between instants [s]: one number, or ``N - 1`` for all rows or for each row.
+    ``dt_s`` [s] is one number, or ``N - 1`` of them for all rows or for each row.
     """
     unit = float(lagrangian.time_unit_s)
     ready = lagrangian.prepare()
@@ -114,14 +109,8 @@ class ShootingWindows:
 
     def pick(self, index: Int[Tensor, " b"]) -> "ShootingWindows":
         """The windows at ``index``."""
-        return ShootingWindows(
-            q=self.q[index],
-            v=self.v[index],
-            u=self.u[index],
-            q_next=self.q_next[index],
-            v_next=self.v_next[index],
-            step=self.step[index] if isinstance(self.step, Tensor) else self.step,
-        )
+        parts = vars(self).values()
+        return ShootingWindows(*(part[index] if isinstance(part, Tensor) else part for part in parts))
 
 
 def list_starts(trajectory: EncodedTrajectory, *, before: int, after: int) -> Int[np.ndarray, " n"]:
@@ -152,14 +141,11 @@ def list_one_step_windows(
             "record longer clips or lower stage2.stride_frames"
         )
     clock, latents = trajectory.clock, trajectory.latents
-    q = torch.from_numpy(latents)
-    u = torch.from_numpy(trajectory.inputs)
-    index = torch.from_numpy(at)
     return ShootingWindows(
-        q=q[index],
+        q=torch.from_numpy(latents[at]),
         v=torch.from_numpy(clock.slope(latents, at, (-k, k))) * time_unit_s,
-        u=u[index],
-        q_next=q[index + k],
+        u=torch.from_numpy(trajectory.inputs[at]),
+        q_next=torch.from_numpy(latents[at + k]),
         v_next=torch.from_numpy(clock.slope(latents, at + k, (-k, k))) * time_unit_s,
         step=convert_units(clock.elapsed_s(at, k), time_unit_s),
     )
@@ -188,31 +174,15 @@ def convert_units(
     return time_s / time_unit_s
 
 
-def central_velocity(trajectory: EncodedTrajectory, at: Int[np.ndarray, " B"]) -> Latents:
-    """Estimate velocities [1/s] from two frames on either side; less noisy, used in training."""
-    return torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2)))
-
-
 def cut_shooting_targets(
-    trajectory: EncodedTrajectory,
-    at: Int[np.ndarray, " B"],
-    velocity: Latents,
-    *,
-    n_states: int,
-    time_unit_s: float,
+    trajectory: EncodedTrajectory, at: Int[np.ndarray, " B"], *, n_states: int, time_unit_s: float
 ) -> ShootingTargets:
-    """Cut targets of ``n_states`` frames.
+    """Cut targets of ``n_states`` frames that begin at the frames ``at``.
 
-    Args:
-        trajectory: encoded training clip.
-        at: first frames.
-        velocity: initial velocities [1/s].
-        n_states: frames per target.
-        time_unit_s: internal unit of time [s].
+    Initial velocities are estimated from two frames on either side.
     """
     rows = torch.from_numpy(at)[:, None] + torch.arange(n_states)
     q = torch.from_numpy(trajectory.latents)[rows]
+    v = torch.from_numpy(trajectory.clock.slope(trajectory.latents, at, (-2, -1, 1, 2))) * time_unit_s
     steps = convert_units(trajectory.clock.steps_s(at, n_states), time_unit_s)
-    return ShootingTargets(
-        q[:, 0], velocity * time_unit_s, torch.from_numpy(trajectory.inputs)[rows], q, steps
-    )
+    return ShootingTargets(q[:, 0], v, torch.from_numpy(trajectory.inputs)[rows], q, steps)

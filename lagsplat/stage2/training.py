@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from statistics import median
 
 import numpy as np
@@ -25,9 +26,9 @@ from lagsplat.stage2.linear_fit import (
     ConstantFit,
     evaluate_one_step_error,
     evaluate_shooting_error,
-    evaluate_stiffened_shooting_error,
 )
 from lagsplat.stage2.objective import (
+    Anchor,
     add_ridge,
     anchor_law,
     anchored_error,
@@ -37,7 +38,7 @@ from lagsplat.stage2.objective import (
 )
 from lagsplat.stage2.rollout import (
     ShootingTargets,
-    central_velocity,
+    ShootingWindows,
     cut_shooting_targets,
     list_one_step_windows,
     list_starts,
@@ -69,16 +70,6 @@ def choose_time_unit(
     return float(np.sqrt(speed / change)) * k * trajectory.dt_s
 
 
-def fit_isotropic_law(
-    d: int, n_inputs: int, *, damping: float, stiffness: float, rest: Tensor
-) -> Coefficients:
-    """Make a start of multiples of the identity, for comparison with a fitted one."""
-    eye = torch.eye(d, dtype=torch.float64)
-    return Coefficients(
-        eye, damping * eye, stiffness * eye, torch.zeros(n_inputs, d, dtype=torch.float64), rest
-    )
-
-
 @dataclass(frozen=True)
 class ValidationTask:
     """The rollouts that score a candidate, and the rms of the clip that normalises their error."""
@@ -99,7 +90,7 @@ def draw_validation_task(
 ) -> ValidationTask:
     """Make a task of rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
 
-    Initial velocities are those of training. A horizon longer than every segment is cut to the longest one.
+    A horizon longer than every segment is cut to the longest one.
 
     Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
     """
@@ -107,10 +98,9 @@ def draw_validation_task(
     n_states = max(3, min(n_states, longest - 5))
     at = list_starts(trajectory, before=2, after=max(n_states, 3))
     at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
-    velocity = central_velocity(trajectory, at)
     offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
     rms = float(square_norm(offset, metric).mean().sqrt())
-    targets = cut_shooting_targets(trajectory, at, velocity, n_states=n_states, time_unit_s=1.0)
+    targets = cut_shooting_targets(trajectory, at, n_states=n_states, time_unit_s=1.0)
     return ValidationTask(targets, metric, rms)
 
 
@@ -170,21 +160,34 @@ class FitReport:
     under_mean_input: LinearizedModes | None = None
 
 
-@dataclass
-class FitState:
-    """Data that the stages of a fit share."""
+class DynamicsFit:
+    """A fit in progress: its data, the best candidate so far and the report; the stages are its methods.
 
-    trajectory: EncodedTrajectory
-    metric: Tensor
-    config: Stage2Config
-    time_unit_s: float
-    period_frames: int
-    validation: ValidationTask
-    best: BestCheckpoint
-    report: FitReport
-    rng: np.random.Generator
-    on_candidate: Callable[[CurveRow], None]
-    started_s: float
+    Raises:
+        ValueError: segments too short for a window, or latents that do not move.
+    """
+
+    def __init__(
+        self,
+        trajectory: EncodedTrajectory,
+        metric: Float[np.ndarray, "d d"],
+        config: Stage2Config,
+        seed: int,
+        on_candidate: Callable[[CurveRow], None],
+    ) -> None:
+        unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
+        self.period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
+        self.time_unit_s = trajectory.dt_s if config.start.time_unit == "frame" else unit
+        bare = torch.from_numpy(metric)
+        n_states = round(config.select.periods * self.period_frames) + 1
+        self.validation = draw_validation_task(
+            trajectory, bare, starts=config.select.starts, n_states=n_states
+        )
+        self.metric = add_ridge(bare, ridge=config.ridge)
+        self.trajectory, self.config, self.seed = trajectory, config, seed
+        self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
+        self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
+        self.started_s = time.perf_counter()
 
     def score_candidate(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
         """Score a candidate, keep it if it is the best, and add it to the training curve."""
@@ -194,113 +197,145 @@ class FitState:
         self.report.curve.append(row)
         self.on_candidate(row)
 
-    def cut_targets(self, at: np.ndarray, *, n_states: int) -> ShootingTargets:
-        """Cut rollout targets that start at the frames ``at``."""
-        velocity = central_velocity(self.trajectory, at)
-        return cut_shooting_targets(
-            self.trajectory, at, velocity, n_states=n_states, time_unit_s=self.time_unit_s
+    def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> Lagrangian:
+        """Make a Lagrangian with fitted or isotropic constant parts and networks that are zero."""
+        config, floor, inputs = self.config, self.config.floor, self.trajectory.inputs
+        mass, scale = None, 1.0
+        if config.form.mass == "induced" and geometry is not None:
+            mass, scale = _mean_induced(geometry, self.trajectory, floor.mass)
+        if config.start.source == "isotropic":
+            eye = torch.eye(len(rest), dtype=torch.float64)
+            damping, stiffness = config.start.damping * eye, config.start.stiffness * eye
+            no_force = torch.zeros(inputs.shape[1], len(rest), dtype=torch.float64)
+            start = Coefficients(eye, damping, stiffness, no_force, rest)
+            floors = Floors(floor.mass, floor.damping, floor.stiffness * config.start.stiffness)
+        else:
+            learn_rest = config.form.rest == "learned"
+            fit = ConstantFit(rest, inputs.shape[1], floor=floor, learn_rest=learn_rest, mass=mass)
+            windows, weight = self._cut_windows(), config.velocity_weight
+            fit.minimize(
+                lambda c: evaluate_one_step_error(c, windows, self.metric, velocity_weight=weight),
+                iterations=config.start.iterations,
+            )
+            if config.start.shooting_iterations:
+                self._shoot_constant(fit)
+            start, floors = fit.result()
+        return Lagrangian(
+            start,
+            form=config.form,
+            floors=floors,
+            time_unit_s=self.time_unit_s,
+            seed=self.seed,
+            geometry=geometry,
+            mass_scale=scale,
+            signed=measure_input_range(inputs).signed,
+            longest_step=config.longest_step,
         )
 
+    def _shoot_constant(self, fit: ConstantFit) -> None:
+        config, inputs, n_states = self.config, self.trajectory.inputs, self._horizon(1.0)
+        at = list_starts(self.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
+        targets = self._cut_targets(at, n_states)
 
-def start_fit(
-    trajectory: EncodedTrajectory,
-    metric: np.ndarray,
-    config: Stage2Config,
-    seed: int,
-    on_candidate: Callable[[CurveRow], None],
-) -> FitState:
-    """Prepare a fit: unit of time, metric and validation task."""
-    unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
-    period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
-    bare = torch.from_numpy(metric)
-    validation = draw_validation_task(
-        trajectory,
-        bare,
-        starts=config.select.starts,
-        n_states=round(config.select.periods * period_frames) + 1,
-    )
-    if config.start.time_unit == "frame":
-        unit = trajectory.dt_s
-    return FitState(
-        trajectory,
-        add_ridge(bare, ridge=config.ridge),
-        config,
-        unit,
-        period_frames,
-        validation,
-        BestCheckpoint(),
-        FitReport(time_unit_s=unit),
-        np.random.default_rng(seed),
-        on_candidate,
-        time.perf_counter(),
-    )
+        def error(c: Coefficients) -> Tensor:
+            return evaluate_shooting_error(c, targets, self.metric, longest_step=config.longest_step)
 
+        fit.minimize(error, iterations=config.start.shooting_iterations)
+        if config.form.actuation != "linear" and inputs.shape[1]:
+            softening = config.form.actuation == "bounded"
+            fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
+            fit.minimize(error, iterations=config.start.shooting_iterations)
 
-def start_stage(state: FitState, rest: Tensor, seed: int, geometry: DecoderGeometry | None) -> Lagrangian:
-    """Make a Lagrangian with fitted or isotropic constant parts and networks that are zero."""
-    config, trajectory = state.config, state.trajectory
-    d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
-    mass, scale = None, 1.0
-    if config.form.mass == "induced" and geometry is not None:
-        mass, scale = _mean_induced(geometry, trajectory, config.floor.mass)
-    if config.start.source == "isotropic":
-        start = fit_isotropic_law(
-            d, n_inputs, damping=config.start.damping, stiffness=config.start.stiffness, rest=rest
-        )
-        floor = config.floor
-        floors = Floors(floor.mass, floor.damping, floor.stiffness * config.start.stiffness)
-    else:
-        fit = ConstantFit(
-            rest, n_inputs, floor=config.floor, learn_rest=config.form.rest == "learned", mass=mass
-        )
-        windows = list_one_step_windows(
-            trajectory, stride_frames=config.stride_frames, time_unit_s=state.time_unit_s
-        )
-        fit.minimize(
-            lambda c: evaluate_one_step_error(
-                c, windows, state.metric, velocity_weight=config.velocity_weight
-            ),
-            iterations=config.start.iterations,
-        )
-        if config.start.shooting_iterations:
-            _shoot_constant(state, fit)
-        start, floors = fit.result()
-    return Lagrangian(
-        start,
-        form=config.form,
-        floors=floors,
-        time_unit_s=state.time_unit_s,
-        seed=seed,
-        geometry=geometry,
-        mass_scale=scale,
-        signed=measure_input_range(trajectory.inputs).signed,
-        longest_step=config.longest_step,
-    )
+    def train_on_steps(self, lagrangian: Lagrangian) -> None:
+        """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
+        config, steps = self.config, round(self.config.effort * self.config.steps)
+        if not steps:
+            return
+        windows = self._cut_windows()
 
+        def loss() -> Tensor:
+            pick = torch.from_numpy(self.rng.integers(0, len(windows), config.batch))
+            weight = config.velocity_weight
+            return one_step_error(lagrangian, windows.pick(pick), self.metric, velocity_weight=weight)
 
-def _shoot_constant(state: FitState, fit: ConstantFit) -> None:
-    n_states = _horizon(state, 1.0)
-    at = list_starts(state.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-    targets = state.cut_targets(at, n_states=n_states)
-    iterations, actuation = state.config.start.shooting_iterations, state.config.form.actuation
-    longest = state.config.longest_step
-    fit.minimize(
-        lambda c: evaluate_shooting_error(c, targets, state.metric, longest_step=longest),
-        iterations=iterations,
-    )
-    if actuation != "linear" and state.trajectory.inputs.shape[1]:
-        fit.add_input_stiffness(
-            measure_input_range(state.trajectory.inputs), softening=actuation == "bounded", rng=state.rng
-        )
-        fit.minimize(
-            lambda c: evaluate_stiffened_shooting_error(c, targets, state.metric, longest_step=longest),
-            iterations=iterations,
-        )
+        self._descend(lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
 
+    def train_on_rollouts(self, lagrangian: Lagrangian) -> None:
+        """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
 
-def _horizon(state: FitState, periods: float) -> int:
-    longest = max(b - a for a, b in state.trajectory.segments)
-    return max(4, min(round(periods * state.period_frames) + 1, longest - 4))
+        The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of
+        the law first.
+        """
+        shoot, total = self.config.shoot, round(self.config.effort * self.config.shoot.steps)
+        if not total:
+            return
+        self.best.restore(lagrangian)
+        anchor = anchor_law(lagrangian, self.trajectory) if shoot.anchor else None
+        for leg, shortened in enumerate(SHORTENED_LEGS):
+            n_states = self._horizon(shoot.periods / shortened)
+            starts = list_starts(self.trajectory, before=2, after=n_states)
+            batch = shoot.batch * shortened
+            loss = partial(self._rollout_loss, lagrangian, anchor, starts, batch, n_states)
+            steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
+            if steps:
+                every = max(1, steps // 10)
+                self._descend(lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=every)
+
+    def _rollout_loss(
+        self, lagrangian: Lagrangian, anchor: Anchor | None, starts: np.ndarray, batch: int, n_states: int
+    ) -> Tensor:
+        targets = self._cut_targets(self.rng.choice(starts, batch), n_states)
+        error = shooting_error(lagrangian, targets, self.metric)
+        if anchor is None:
+            return error
+        penalty = anchor.penalty(lagrangian, self.metric, self.rng)
+        return anchored_error(error, penalty, weight=self.config.shoot.anchor)
+
+    def _cut_windows(self) -> ShootingWindows:
+        stride = self.config.stride_frames
+        return list_one_step_windows(self.trajectory, stride_frames=stride, time_unit_s=self.time_unit_s)
+
+    def _cut_targets(self, at: np.ndarray, n_states: int) -> ShootingTargets:
+        return cut_shooting_targets(self.trajectory, at, n_states=n_states, time_unit_s=self.time_unit_s)
+
+    def _horizon(self, periods: float) -> int:
+        longest = max(b - a for a, b in self.trajectory.segments)
+        return max(4, min(round(periods * self.period_frames) + 1, longest - 4))
+
+    def _descend(
+        self,
+        lagrangian: Lagrangian,
+        loss: Callable[[], Tensor],
+        stage: str,
+        *,
+        steps: int,
+        lr: float,
+        every: int,
+    ) -> None:
+        config = self.config
+        parameters = [p for p in lagrangian.parameters() if p.requires_grad]
+        rollback = StepRollback(parameters)
+        optimizer = torch.optim.Adam(_group_parameters(lagrangian, lr), fused=True)
+        peaks = [group["lr"] for group in optimizer.param_groups]
+        for i in range(steps):
+            warmup = min(1.0, (i / steps + 1e-3) / 0.05)
+            cosine = 0.5 * (1.0 + math.cos(math.pi * (i / steps)))
+            schedule = warmup * (config.final_fraction + (1.0 - config.final_fraction) * cosine)
+            for group, peak in zip(optimizer.param_groups, peaks, strict=True):
+                group["lr"] = peak * (rollback.rate_factor * schedule)
+            optimizer.zero_grad()
+            value = loss()
+            if rollback.accept(float(value.detach())):
+                value.backward()
+                size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
+                if torch.isfinite(size):
+                    optimizer.step()
+                    lagrangian.project()
+            else:
+                optimizer.state.clear()
+            if (i + 1) % every == 0 or i + 1 == steps:
+                self.score_candidate(lagrangian, stage, i + 1, float(value.detach()))
+        self.report.taken_back += rollback.rollbacks
 
 
 def _mean_induced(
@@ -313,100 +348,13 @@ def _mean_induced(
     return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
 
 
-def one_step_stage(state: FitState, lagrangian: Lagrangian) -> None:
-    """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
-    config, steps = state.config, round(state.config.effort * state.config.steps)
-    if not steps:
-        return
-    windows = list_one_step_windows(
-        state.trajectory, stride_frames=config.stride_frames, time_unit_s=state.time_unit_s
-    )
-
-    def loss(step: int) -> Tensor:
-        pick = torch.from_numpy(state.rng.integers(0, len(windows), config.batch))
-        return one_step_error(
-            lagrangian, windows.pick(pick), state.metric, velocity_weight=config.velocity_weight
-        )
-
-    _descend(state, lagrangian, loss, "one_step", steps=steps, lr=config.lr, every=config.select.every)
-
-
-def shooting_stage(state: FitState, lagrangian: Lagrangian) -> None:
-    """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
-
-    The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of the
-    law first.
-    """
-    shoot, total = state.config.shoot, round(state.config.effort * state.config.shoot.steps)
-    if not total:
-        return
-    state.best.restore(lagrangian)
-    anchor = anchor_law(lagrangian, state.trajectory) if shoot.anchor else None
-    for leg, shortened in enumerate(SHORTENED_LEGS):
-        n_states = _horizon(state, shoot.periods / shortened)
-        starts = list_starts(state.trajectory, before=2, after=n_states)
-        batch = shoot.batch * shortened
-
-        def loss(_: int, starts: np.ndarray = starts, batch: int = batch, n_states: int = n_states) -> Tensor:
-            targets = state.cut_targets(state.rng.choice(starts, batch), n_states=n_states)
-            error = shooting_error(lagrangian, targets, state.metric)
-            if anchor is None:
-                return error
-            penalty = anchor.penalty(lagrangian, state.metric, state.rng)
-            return anchored_error(error, penalty, weight=shoot.anchor)
-
-        steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
-        if steps:
-            _descend(state, lagrangian, loss, "shooting", steps=steps, lr=shoot.lr, every=max(1, steps // 10))
-
-
-def _descend(
-    state: FitState,
-    lagrangian: Lagrangian,
-    loss: Callable[[int], Tensor],
-    stage: str,
-    *,
-    steps: int,
-    lr: float,
-    every: int,
-) -> None:
-    config = state.config
-    parameters = [p for p in lagrangian.parameters() if p.requires_grad]
-    rollback = StepRollback(parameters)
-    optimizer = torch.optim.Adam(_rates(lagrangian, lr), fused=True)
-    peaks = [group["lr"] for group in optimizer.param_groups]
-    for i in range(steps):
-        factor = rollback.rate_factor * _schedule(i / steps, final_fraction=config.final_fraction)
-        for group, peak in zip(optimizer.param_groups, peaks, strict=True):
-            group["lr"] = peak * factor
-        optimizer.zero_grad()
-        value = loss(i)
-        if rollback.accept(float(value.detach())):
-            value.backward()
-            size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
-            if torch.isfinite(size):
-                optimizer.step()
-                lagrangian.project()
-        else:
-            optimizer.state.clear()
-        if (i + 1) % every == 0 or i + 1 == steps:
-            state.score_candidate(lagrangian, stage, i + 1, float(value.detach()))
-    state.report.taken_back += rollback.rollbacks
-
-
-def _rates(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
+def _group_parameters(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
     # the constant parts start at the optimum of a stiff problem, which steps of a network's size would leave
-    parts: dict[bool, list[Tensor]] = {True: [], False: []}
+    networks, constants = [], []
     for name, parameter in lagrangian.named_parameters():
         if parameter.requires_grad:
-            parts[name.split(".")[-1] in CONSTANT_PARTS].append(parameter)
-    return [{"params": parts[False], "lr": lr}, {"params": parts[True], "lr": CONSTANT_SHARE * lr}]
-
-
-def _schedule(progress: float, *, final_fraction: float) -> float:
-    warm = min(1.0, (progress + 1e-3) / 0.05)
-    cosine = 0.5 * (1.0 + math.cos(math.pi * progress))
-    return warm * (final_fraction + (1.0 - final_fraction) * cosine)
+            (constants if name.split(".")[-1] in CONSTANT_PARTS else networks).append(parameter)
+    return [{"params": networks, "lr": lr}, {"params": constants, "lr": CONSTANT_SHARE * lr}]
 
 
 EXPLODED = 5.0  # times the median of the recent losses
