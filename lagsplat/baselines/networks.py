@@ -58,7 +58,7 @@ class VariationalEncoder(nn.Module):
 
         The velocity is the Jacobian of the mean times ``rates``, exact, in one forward pass.
         """
-        (mean, log_variance), (velocity, _) = torch.func.jvp(self.forward, (images,), (rates,))
+        (mean, log_variance), (velocity, _) = torch.func.jvp(self.forward, (images,), (rates,))[:2]
         return mean, log_variance, velocity
 
 

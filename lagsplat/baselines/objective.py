@@ -96,13 +96,13 @@ def _steady_term(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
 def _attention_terms(
     decoder: AttentionDecoder, z: Latents, velocity: Latents, rates: Images, share: float
 ) -> tuple[Scalar, Scalar]:
-    maps, map_rates = torch.func.jvp(decoder.maps, (z,), (velocity,))
+    maps, map_rates = torch.func.jvp(decoder.maps, (z,), (velocity,))[:2]
     attention = penalize_unwarranted_change(map_rates, rates)
     if decoder.group != 2:
         return attention, z.new_zeros(())
     # the same values with a share of their gradient
-    softened = [share * value + (1.0 - share) * value.detach() for value in (maps, map_rates)]
-    centres = compute_moving_centres(*softened, decoder.places)
+    seen, seen_rates = (share * value + (1.0 - share) * value.detach() for value in (maps, map_rates))
+    centres = compute_moving_centres(seen, seen_rates, decoder.places)
     nodes = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
     return attention, measure_disagreement(compute_closing_rates(*nodes), compute_closing_rates(*centres))
 

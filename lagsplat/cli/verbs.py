@@ -211,11 +211,11 @@ def download_weights(given: Namespace) -> None:
     keys, rest = split_words(given.words, allowed=("out",))
     if rest:
         raise CommandError(f"weights takes out=FOLDER and --download, not {rest[0]!r}")
-    from lagsplat.baselines.released import FILES, NOTICE, fetch_weights
+    from lagsplat.baselines.released import NOTICE, RUNS, fetch_weights
 
     if not given.download:
         raise CommandError(
-            f"{NOTICE}. Nothing was fetched; add --download to fetch {len(FILES)} files of 10 MB"
+            f"{NOTICE}. Nothing was fetched; add --download to fetch {len(RUNS)} files of 10 MB"
         )
     folder = Path(keys.get("out", "~/.cache/lagsplat/baselines")).expanduser()
     print(NOTICE, file=sys.stderr)

@@ -68,7 +68,6 @@ def fit_dynamics(
 
 def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str, Any]) -> None:
     """Write the parameters with form, floors, unit of time and all other settings of the law."""
-    geometry = getattr(lagrangian.mass_term, "n_primitives", None)
     settings = {
         "d": lagrangian.d,
         "n_inputs": lagrangian.n_inputs,
@@ -76,14 +75,13 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         "floors": asdict(lagrangian.floors),
         "time_unit_s": float(lagrangian.time_unit_s),
         "longest_step": lagrangian.longest_step,
-        "n_primitives": geometry,
+        "n_primitives": getattr(lagrangian.mass_term, "n_primitives", None),
         "curved": lagrangian.curvature is not None,
         # stored only if true, as in files from before there were signed inputs
         **({"signed": True} if lagrangian.signed else {}),
     }
-    save_artifact(
-        path, lagrangian.state_dict(), {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
-    )
+    header = {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
+    save_artifact(path, lagrangian.state_dict(), header)
 
 
 def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
@@ -95,21 +93,16 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     settings = header["dynamics"]
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
-    eye = torch.eye(d, dtype=torch.float64)
-    blank = torch.zeros(d, dtype=torch.float64)
-    signed, input_stiffness = settings.get("signed", False), None
+    eye, blank = torch.eye(d, dtype=torch.float64), torch.zeros(n_inputs, d, dtype=torch.float64)
+    signed, input_stiffness, geometry = settings.get("signed", False), None, None
     if settings["curved"]:
-        none = torch.zeros(n_inputs, dtype=torch.float64)
-        flat = 0.0 * eye.expand(n_inputs, d, d)
+        flat, none = 0.0 * eye.expand(n_inputs, d, d), torch.zeros(n_inputs, dtype=torch.float64)
         input_stiffness = InputStiffness(flat, flat, InputRange(none, none + float(signed)))
-    geometry = None
     if k is not None:
-        zeros = torch.zeros(k, 2, d, dtype=torch.float64)
-        geometry = DecoderGeometry(
-            zeros, zeros[:, 0], eye.expand(k, d, d), torch.ones(k, dtype=torch.float64)
-        )
+        zeros, ones = torch.zeros(k, 2, d, dtype=torch.float64), torch.ones(k, dtype=torch.float64)
+        geometry = DecoderGeometry(zeros, zeros[:, 0], eye.expand(k, d, d), ones)
     lagrangian = Lagrangian(
-        Coefficients(eye, eye, eye, torch.zeros(n_inputs, d, dtype=torch.float64), blank, input_stiffness),
+        Coefficients(eye, eye, eye, blank, 0.0 * eye[0], input_stiffness),
         form=FormConfig(**settings["form"]),
         floors=Floors(**settings["floors"]),
         time_unit_s=settings["time_unit_s"],

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 import torch
@@ -123,40 +122,39 @@ class Lagrangian(nn.Module):
         signed = signed or (start.input_stiffness is not None and start.input_stiffness.input_range.signed)
         self.signed = signed and form.actuation != "linear" and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
-        self.mass_term = _mass(start.mass, form, floors.mass, generator, geometry, mass_scale)
-        self.damping_term: MatrixField | ConstantMatrix = (
-            MatrixField(start.damping, floor=floors.damping, width=form.matrix_width, generator=generator)
-            if form.damping == "learned"
-            else ConstantMatrix(start.damping, floor=floors.damping)
+        self.mass_term: MatrixField | ConstantMatrix | InducedMass
+        if form.mass != "induced":
+            self.mass_term = _make_matrix(form.mass, start.mass, floors.mass, form.matrix_width, generator)
+        elif geometry is not None:
+            self.mass_term = InducedMass(geometry, scale=mass_scale, floor=floors.mass)
+        else:
+            raise ValueError(
+                "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
+                "or choose 'learned' or 'constant'"
+            )
+        self.damping_term = _make_matrix(
+            form.damping, start.damping, floors.damping, form.matrix_width, generator
         )
-        self.curvature = _curvature(start, form)
-        compensation = 0.0 if self.curvature is None else self.curvature.matrices()[1].detach()
-        self.stiffness_factor = nn.Parameter(
-            factor_positive(start.stiffness - compensation, floors.stiffness)
-        )
+        self.curvature: InputStiffnessPrior | None = None
+        stiffness = start.stiffness
+        if start.input_stiffness is not None and form.actuation != "linear":
+            softening = form.actuation == "bounded"
+            self.curvature = InputStiffnessPrior(start.input_stiffness, softening=softening)
+            stiffness = stiffness - self.curvature.matrices()[1].detach()
+        self.stiffness_factor = nn.Parameter(factor_positive(stiffness, floors.stiffness))
         self.pressure_map = nn.Parameter(start.pressure_map.clone())
         self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
-        self.diffeo = (
-            Diffeomorphism(
-                d,
-                blocks=form.diffeo_blocks,
-                width=form.diffeo_width,
-                lipschitz=form.diffeo_lipschitz,
-                generator=generator,
-            )
-            if form.potential == "invex"
-            else None
-        )
-        self.convex = (
-            None
-            if form.potential == "quadratic"
-            else Icnn(d, width=form.potential_width, heads=1, generator=generator)
-        )
-        self.volume_net = (
-            Icnn(d, width=form.actuation_width, heads=n_inputs * (1 + self.signed), generator=generator)
-            if form.actuation != "linear" and n_inputs
-            else None
-        )
+        self.diffeo: Diffeomorphism | None = None
+        if form.potential == "invex":
+            size = (form.diffeo_blocks, form.diffeo_width)
+            self.diffeo = Diffeomorphism(d, *size, lipschitz=form.diffeo_lipschitz, generator=generator)
+        self.convex: Icnn | None = None
+        if form.potential != "quadratic":
+            self.convex = Icnn(d, width=form.potential_width, heads=1, generator=generator)
+        self.volume_net: Icnn | None = None
+        if form.actuation != "linear" and n_inputs:
+            heads = n_inputs * (1 + self.signed)
+            self.volume_net = Icnn(d, width=form.actuation_width, heads=heads, generator=generator)
 
     def project(self) -> None:
         """Restore the sign constraints after an optimiser step."""
@@ -249,30 +247,12 @@ class Lagrangian(nn.Module):
         return self.mass_term.accelerate(q, v, force)
 
 
-def _curvature(start: Coefficients, form: FormConfig) -> InputStiffnessPrior | None:
-    if start.input_stiffness is None or form.actuation == "linear":
-        return None
-    return InputStiffnessPrior(start.input_stiffness, softening=form.actuation == "bounded")
-
-
-def _mass(
-    start: Tensor,
-    form: FormConfig,
-    floor: float,
-    generator: torch.Generator,
-    geometry: DecoderGeometry | None,
-    scale: float,
-) -> MatrixField | ConstantMatrix | InducedMass:
-    if form.mass == "induced":
-        if geometry is None:
-            raise ValueError(
-                "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
-                "or choose 'learned' or 'constant'"
-            )
-        return InducedMass(geometry, scale=scale, floor=floor)
-    if form.mass == "constant":
+def _make_matrix(
+    kind: str, start: Tensor, floor: float, width: int, generator: torch.Generator
+) -> MatrixField | ConstantMatrix:
+    if kind == "constant":
         return ConstantMatrix(start, floor=floor)
-    return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)
+    return MatrixField(start, floor=floor, width=width, generator=generator)
 
 
 @dataclass(frozen=True)
@@ -338,7 +318,7 @@ class LawEdits:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (isfinite(value) and (value > 0.0 or (name == "damping" and value == 0.0))):
+            if not (math.isfinite(value) and (value > 0.0 or (name == "damping" and value == 0.0))):
                 raise ValueError(
                     f"edit {name}={value}: must be a positive number (damping may be 0); the law would not "
                     "come to rest, or not move at all"

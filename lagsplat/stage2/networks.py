@@ -1,9 +1,7 @@
 """Networks of the law: an input-convex network, an invertible residual network, and matrix fields.
 
 Gradients and pull-backs are forward formulas, so that training differentiates through them once instead of
-twice. A symmetric positive definite field is ``S(q) = L0 E(q) E(q)^T L0^T + floor I`` with ``E = I + D(q)``
-lower triangular and ``D`` a network that starts at zero, so that the deviation is relative to the starting
-matrix.
+twice.
 """
 
 import math
@@ -96,14 +94,13 @@ class Diffeomorphism(nn.Module):
     """
 
     def __init__(
-        self, d: int, *, blocks: int, width: int, lipschitz: float, generator: torch.Generator
+        self, d: int, blocks: int, width: int, *, lipschitz: float, generator: torch.Generator
     ) -> None:
         super().__init__()
-        draw = torch.randn(blocks, width, d, generator=generator, dtype=torch.float64)
-        self.inner = nn.Parameter(draw / width**0.5)
-        self.inner_bias = nn.Parameter(
-            2.0 * torch.rand(blocks, width, generator=generator, dtype=torch.float64) - 1.0
-        )
+        inner = torch.randn(blocks, width, d, generator=generator, dtype=torch.float64)
+        bias = torch.rand(blocks, width, generator=generator, dtype=torch.float64)
+        self.inner = nn.Parameter(inner / width**0.5)
+        self.inner_bias = nn.Parameter(2.0 * bias - 1.0)
         self.outer = nn.Parameter(torch.zeros(blocks, d, width, dtype=torch.float64))
         self.outer_bias = nn.Parameter(torch.zeros(blocks, d, dtype=torch.float64))
         self.lipschitz = lipschitz
@@ -146,14 +143,9 @@ def factor_positive(matrix: Float[Tensor, "d d"], floor: float) -> Float[Tensor,
     return torch.linalg.cholesky((vectors * clipped) @ vectors.T)
 
 
-def cholesky_factor(matrix: Float[Tensor, "*B d d"]) -> Float[Tensor, "*B d d"]:
-    """Compute the lower Cholesky factor without raising for a matrix that is not finite."""
-    return torch.linalg.cholesky_ex(matrix)[0]
-
-
 def cholesky_solve(matrix: Spd, force: Latents) -> Latents:
-    """Solve ``matrix x = force`` for each sample."""
-    return torch.cholesky_solve(force[:, :, None], cholesky_factor(matrix))[:, :, 0]
+    """Solve ``matrix x = force`` for each sample; unlike `torch.linalg.cholesky` it never raises."""
+    return torch.cholesky_solve(force[:, :, None], torch.linalg.cholesky_ex(matrix)[0])[:, :, 0]
 
 
 class ConstantMatrix(nn.Module):
@@ -177,13 +169,14 @@ class ConstantMatrix(nn.Module):
 
     def accelerate(self, q: Latents, v: Latents, force: Latents) -> Latents:
         """``S^-1 (force + velocity forces)``; a constant mass has no velocity forces."""
-        return torch.cholesky_solve(force.T, cholesky_factor(self.matrix(q[:1])[0])).T
+        return torch.cholesky_solve(force.T, torch.linalg.cholesky_ex(self.matrix(q[:1])[0])[0]).T
 
 
 class MatrixField(nn.Module):
     """``S(q) = L0 E(q) E(q)^T L0^T + floor I``, ``E - I`` a network of two tanh layers that starts at zero.
 
-    Tanh saturates away from the data, so that velocity forces, quadratic in ``v``, cannot grow with ``q``.
+    ``E`` is lower triangular, so that the deviation is relative to the starting matrix. Tanh saturates away
+    from the data, so that velocity forces, quadratic in ``v``, cannot grow with ``q``.
     """
 
     mask: Tensor
@@ -195,14 +188,12 @@ class MatrixField(nn.Module):
         super().__init__()
         d = start.shape[0]
 
-        def normal(rows: int, columns: int) -> nn.Parameter:
-            draw = torch.randn(rows, columns, generator=generator, dtype=torch.float64)
-            return nn.Parameter(draw / math.sqrt(columns))
-
+        first = torch.randn(width, d, generator=generator, dtype=torch.float64)
+        second = torch.randn(width, width, generator=generator, dtype=torch.float64)
         self.factor = nn.Parameter(factor_positive(start, floor))
-        self.first = normal(width, d)
+        self.first = nn.Parameter(first / math.sqrt(d))
         self.first_bias = nn.Parameter(torch.zeros(width, dtype=torch.float64))
-        self.second = normal(width, width)
+        self.second = nn.Parameter(second / math.sqrt(width))
         self.second_bias = nn.Parameter(torch.zeros(width, dtype=torch.float64))
         self.third = nn.Parameter(torch.zeros(d * d, width, dtype=torch.float64))
         self.register_buffer("mask", torch.tril(torch.ones(d, d, dtype=torch.float64)), persistent=False)

@@ -26,10 +26,6 @@ class NumpyLagrangian:
 
     States `q` and velocities `v` are (d,) or (B, d); inputs `u` (n_u,) or (B, n_u), or None for zero inputs.
 
-    Args:
-        law: the fitted law.
-        edits: factors on its damping, inertia and stiffness.
-
     Raises:
         ValueError: the mass is induced by the decoder, whose sums over Gaussians gain nothing here.
 
@@ -45,7 +41,10 @@ class NumpyLagrangian:
         ready = law.prepare()
         self.edits, self.d, self.signed = edits, law.d, law.signed
         self.unit_s, self.longest_step = float(law.time_unit_s), law.longest_step
-        self.mass, self.damping = _spd_field(law.mass_term), _spd_field(law.damping_term)
+        self.mass, self.damping = (
+            SpdField(term) if isinstance(term, MatrixField) else ConstantSpd(term)
+            for term in (law.mass_term, law.damping_term)
+        )
         self.blocks = [tuple(_array(part) for part in block) for block in ready.blocks]
         self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
         self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
@@ -101,13 +100,7 @@ class NumpyLagrangian:
         return self.edits.damping * (w * self.damping.product(q, w)).sum(-1) / self.unit_s
 
     def step(
-        self,
-        q: States,
-        v: States,
-        u: Inputs | None = None,
-        load: States | float = 0.0,
-        *,
-        dt_s: float,
+        self, q: States, v: States, u: Inputs | None = None, load: States | float = 0.0, *, dt_s: float
     ) -> tuple[States, States]:
         """State and velocity [1/s] ``dt_s`` later under constant input and load.
 
@@ -142,25 +135,18 @@ def roll_out_free(
 ) -> tuple[Paths, Paths]:
     """States and velocities [1/s] at ``states`` instants ``dt_s`` apart, the first as given.
 
-    The scheme is that of `lagsplat.stage2.rollout.rollout`, the inputs are zero and ``load`` is held. Never
-    raises on divergence: what leaves the finite numbers is not finite from there on.
-
-    Args:
-        law: the law.
-        q0: first states (B, d).
-        v0: first velocities (B, d) [1/s].
-        states: number of instants.
-        dt_s: time between them [s].
-        load: generalised force (B, d), or one number for all.
+    The scheme is that of `lagsplat.stage2.rollout.rollout`; inputs are zero, and the generalised force
+    ``load``, (B, d) or one number for all, is constant. Never raises on divergence: what leaves the finite
+    numbers is not finite from there on.
     """
     q, w = q0.astype(np.float64), v0 * law.unit_s
-    positions, velocities = np.empty((states, *q.shape)), np.empty((states, *q.shape))
-    positions[0], velocities[0] = q, w
+    positions, velocities = [q], [w]
     with np.errstate(all="ignore"):
-        for i in range(1, states):
+        for _ in range(1, states):
             q, w = law.advance(q, w, None, load, step=dt_s / law.unit_s)
-            positions[i], velocities[i] = q, w
-    return np.moveaxis(positions, 0, 1), np.moveaxis(velocities, 0, 1) / law.unit_s
+            positions.append(q)
+            velocities.append(w)
+    return np.moveaxis(np.stack(positions), 0, 1), np.moveaxis(np.stack(velocities), 0, 1) / law.unit_s
 
 
 class ConstantSpd:
@@ -190,13 +176,8 @@ class SpdField:
         self.eye = np.eye(len(self.lower))
         # entries above the diagonal are kept at zero, as the field's mask does
         third = _array(field.third) * _array(field.mask).reshape(-1, 1)
-        self.net = (
-            _array(field.first),
-            _array(field.first_bias),
-            _array(field.second),
-            _array(field.second_bias),
-            third,
-        )
+        layers = (field.first, field.first_bias, field.second, field.second_bias)
+        self.net = (*(_array(part) for part in layers), third)
 
     def product(self, q: States, v: States) -> States:
         """``S(q) v``."""
@@ -259,10 +240,6 @@ class ConvexNet:
         z2 = x @ self.second.T + self.second_bias + np.logaddexp(0.0, z1) @ self.between.T
         g2 = _sigmoid(z2) * head
         return g2 @ self.second + ((g2 @ self.between) * _sigmoid(z1)) @ self.first
-
-
-def _spd_field(term: MatrixField | ConstantMatrix) -> ConstantSpd | SpdField:
-    return SpdField(term) if isinstance(term, MatrixField) else ConstantSpd(term)
 
 
 def _sigmoid(z: np.ndarray) -> np.ndarray:

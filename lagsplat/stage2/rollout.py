@@ -141,11 +141,12 @@ def list_one_step_windows(
             "record longer clips or lower stage2.stride_frames"
         )
     clock, latents = trajectory.clock, trajectory.latents
+    q, u, index = (torch.from_numpy(series) for series in (latents, trajectory.inputs, at))
     return ShootingWindows(
-        q=torch.from_numpy(latents[at]),
+        q=q[index],
         v=torch.from_numpy(clock.slope(latents, at, (-k, k))) * time_unit_s,
-        u=torch.from_numpy(trajectory.inputs[at]),
-        q_next=torch.from_numpy(latents[at + k]),
+        u=u[index],
+        q_next=q[index + k],
         v_next=torch.from_numpy(clock.slope(latents, at + k, (-k, k))) * time_unit_s,
         step=convert_units(clock.elapsed_s(at, k), time_unit_s),
     )

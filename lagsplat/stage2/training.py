@@ -350,10 +350,9 @@ def _mean_induced(
 
 def _group_parameters(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
     # the constant parts start at the optimum of a stiff problem, which steps of a network's size would leave
-    networks, constants = [], []
-    for name, parameter in lagrangian.named_parameters():
-        if parameter.requires_grad:
-            (constants if name.split(".")[-1] in CONSTANT_PARTS else networks).append(parameter)
+    free = [(name.split(".")[-1], p) for name, p in lagrangian.named_parameters() if p.requires_grad]
+    networks = [parameter for name, parameter in free if name not in CONSTANT_PARTS]
+    constants = [parameter for name, parameter in free if name in CONSTANT_PARTS]
     return [{"params": networks, "lr": lr}, {"params": constants, "lr": CONSTANT_SHARE * lr}]
 
 
