@@ -31,6 +31,7 @@ class NotSettledError(ValueError):
     """No equilibrium was reached, for instance because the energy overflowed."""
 
 
+@torch.no_grad()
 def settle(
     law: Lagrangian,
     u: Inputs,
@@ -43,8 +44,8 @@ def settle(
 
     Newton's method on the energy. Where its Hessian is not positive definite, eigenvalues are replaced by
     their absolute value, so that every step descends; a step is halved until the energy falls by Armijo's
-    rule. The energy is coercive because the quadratic floor of ``V`` outgrows the linear work of a load.
-    Hence its lower level sets are compact and every limit point is stationary for any network and load.
+    rule. The quadratic floor of ``V`` outgrows the linear work of a load, so lower level sets of the energy
+    are compact and every limit point is stationary for any network and load.
     ``start`` is the first state of the iteration, by default the rest state of the law.
 
     Raises:
@@ -59,18 +60,21 @@ def settle(
     ready = loaded.prepare()
     force, hessian = _slopes(loaded, q, u, ready)
     scale = load.norm(dim=1) + hessian.abs().amax((1, 2))
-    overflow = not bool(torch.isfinite(scale).all())
-    for _ in range(0 if overflow else ITERATIONS):
+    for _ in range(ITERATIONS if bool(torch.isfinite(scale).all()) else 0):
         moving = ~(force.norm(dim=1) <= TOLERANCE * scale)  # true for NaN, too
         if not bool(moving.any()):
-            return _polish(loaded, q, u, force, hessian, ready)
+            # One more Newton step where it lowers the force: responses are small differences of equilibria.
+            closer = q + torch.linalg.solve_ex(hessian, force[:, :, None])[0][:, :, 0]
+            remaining = loaded.conservative_force(closer, u, ready).norm(dim=1)
+            return torch.where((remaining < force.norm(dim=1))[:, None], closer, q)
         q = torch.where(moving[:, None], _descend(loaded, q, u, force, hessian), q)
         force, hessian = _slopes(loaded, q, u, ready)
-    worst = int((force.norm(dim=1) / scale).nan_to_num(torch.inf).argmax())
+    left = force.norm(dim=1) / scale
+    worst = int(left.nan_to_num(torch.inf).argmax())
     raise NotSettledError(
         f"no equilibrium was reached in {ITERATIONS} steps under the load {load[worst].tolist()}: "
-        f"{float(force[worst].norm() / scale[worst]):.1e} of the force is left at q = {q[worst].tolist()}; "
-        "lower the force, or look at the law's potential"
+        f"{float(left[worst]):.1e} of the force is left at q = {q[worst].tolist()}; lower the force, or look at "
+        "the law's potential"
     )
 
 
@@ -94,7 +98,6 @@ def _slopes(law: Lagrangian, q: Latents, u: Inputs, ready: PreparedCoefficients)
     return force.detach(), 0.5 * (hessian + hessian.mT)
 
 
-@torch.no_grad()
 def _descend(law: Lagrangian, q: Latents, u: Inputs, force: Latents, hessian: Spd) -> Latents:
     values, vectors = torch.linalg.eigh(hessian.nan_to_num())
     size = values.abs()
@@ -110,21 +113,6 @@ def _descend(law: Lagrangian, q: Latents, u: Inputs, force: Latents, hessian: Sp
         if bool(falls.all()) or float(length.min()) < SHORTEST:
             return torch.where(falls[:, None], q + length[:, None] * step, q)
         length = torch.where(falls, length, 0.5 * length)
-
-
-@torch.no_grad()
-def _polish(
-    law: Lagrangian,
-    q: Latents,
-    u: Inputs,
-    force: Latents,
-    hessian: Spd,
-    ready: PreparedCoefficients,
-) -> Latents:
-    """Take one more Newton step where it lowers the force; responses are small differences of equilibria."""
-    closer = q + torch.linalg.solve_ex(hessian, force[:, :, None])[0][:, :, 0]
-    remaining = law.conservative_force(closer, u, ready).norm(dim=1)
-    return torch.where((remaining < force.norm(dim=1))[:, None], closer, q)
 
 
 VISITED = 0.99  # quantile of the distances of the training states from rest that gives the visited radius
@@ -163,10 +151,9 @@ class OperatingPoint:
     ) -> Float[np.ndarray, "B H W 3"]:
         """Draw whitened states, ``scale`` times as large as in training; in space from any camera."""
         raw = torch.from_numpy(self.chart.to_raw(q.numpy())).to(self.autoencoder.gaussians.center)
+        height, width = scale * self.kinematics.height, scale * self.kinematics.width
         with torch.no_grad():
-            drawn = self.autoencoder.decode(
-                raw, view=view, height=scale * self.kinematics.height, width=scale * self.kinematics.width
-            )
+            drawn = self.autoencoder.decode(raw, view=view, height=height, width=width)
         return np.moveaxis(drawn.cpu().numpy(), 1, 3)
 
     def find_force_size(
@@ -183,8 +170,8 @@ class OperatingPoint:
         unit = grasp_point.pull_back(torch.from_numpy(direction))
         if not float(unit.norm()) > STILL * float(self.kinematics.geometry.jacobian.abs().max()):
             raise ValueError(
-                f"a force along {direction.tolist()} moves nothing at {grasp_point.at.tolist()}: the matter "
-                "there does not move that way; choose another point or direction"
+                f"the matter at {grasp_point.at.tolist()} does not move along {direction.tolist()}; choose "
+                "another point or direction"
             )
         small = 1e-3 * self.visited_radius / float(unit.norm())
         answer = float((self.equilibria(small * unit[None])[0] - self.rest).norm())
@@ -247,16 +234,13 @@ def fit_energy_scale(
     slope = float(motion_ratios(np.array([small]))[0]) / small
     if not slope > 0.0:
         raise NoScaleError(
-            "the law moves against the measured displacement, or not at all: no energy scale makes them "
-            "agree; push another point"
+            "the law moves against the measured displacement, or not at all; push another point"
         )
     sizes = np.geomspace(1.0 / np.sqrt(SCALE_SPAN), np.sqrt(SCALE_SPAN), SIZES) / slope
     ratios = motion_ratios(sizes)
     after = int(np.argmax(ratios >= 1.0))
     if after == 0:
-        raise NoScaleError(
-            "no energy scale within four decades makes the law respond as measured; push with less force"
-        )
+        raise NoScaleError("no energy scale within four decades agrees with the push; push with less force")
     low, high = np.log(np.maximum(ratios[after - 1 : after + 1], 1e-300))
     ratio = -low / (high - low)
     return float(np.exp(np.log(sizes[after - 1]) + ratio * np.log(sizes[after] / sizes[after - 1])))

@@ -50,9 +50,8 @@ class GraspPoint:
 class MatterKinematics:
     """The affine map from a whitened latent to the centres of the Gaussians.
 
-    ``center`` [px] is the position of each Gaussian at its latent centre, ``geometry`` holds the constant
-    Jacobians and the gates; ``height`` and ``width`` [px] are those of the image. In space a pixel is a
-    length, see `lagsplat.views.camera`.
+    ``center`` [px] is the position of each Gaussian at its latent centre; ``height`` and ``width`` [px] are
+    those of the image. In space a pixel is a length, see `lagsplat.views.camera`.
 
     Source: paper, Appendix "Forces and inertia from the learned kinematics".
     """
@@ -84,16 +83,11 @@ class MatterKinematics:
 
 
 def grasp_brush(
-    kinematics: MatterKinematics,
-    q: Float[Tensor, " d"],
-    at: Point | Place,
-    *,
-    radius: float,
-    least: float = ALPHA_MIN,
+    kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place, *, radius: float
 ) -> GraspPoint:
     """Grasp what is visible around ``at`` with weights ``w_i ~ alpha_i exp(-|mu_i - x|^2 / 2 radius^2)``.
 
-    ``alpha_i`` is opacity times gate at ``q``; ``least`` is the smallest sum of weights that can be grasped.
+    ``alpha_i`` is opacity times gate at ``q``.
 
     Raises:
         NoMatterError: outside the image, or no Gaussian is visible at this state or under the brush.
@@ -105,7 +99,7 @@ def grasp_brush(
         raise ValueError(f"a brush of radius {radius} px grasps nothing; give a positive one")
     present, distance = _measure_distances(kinematics, q, at)
     weights = present * torch.exp(-0.5 * distance / radius**2)
-    if not float(weights.sum()) >= least:
+    if not float(weights.sum()) >= ALPHA_MIN:
         raise NoMatterError(
             f"nothing is present within a brush of {radius:.3g} px around {_format_point(at)}: the image "
             "shows its background colour there; click on the object or widen forces.brush"
@@ -113,12 +107,10 @@ def grasp_brush(
     return _make_grasp_point(kinematics, q, at, weights / weights.sum())
 
 
-def grasp_nearest(
-    kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place, *, least: float = ALPHA_MIN
-) -> GraspPoint:
+def grasp_nearest(kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place) -> GraspPoint:
     """Grasp the Gaussian whose centre is closest to ``at`` among those that are visible at ``q``."""
     present, distance = _measure_distances(kinematics, q, at)
-    chosen = torch.where(present >= least, distance, torch.inf).argmin()
+    chosen = torch.where(present >= ALPHA_MIN, distance, torch.inf).argmin()
     return _make_grasp_point(kinematics, q, at, torch.zeros_like(present).index_fill(0, chosen, 1.0))
 
 
@@ -134,6 +126,14 @@ def _format_point(at: Point | Place) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in at) + ")"
 
 
+def _require_inside(at: Point, height: int, width: int) -> None:
+    if not (0.0 <= at[0] <= width and 0.0 <= at[1] <= height):
+        raise NoMatterError(
+            f"the point {_format_point(at)} is outside the image of {width} x {height} px; give x to the right "
+            "and y down, in its pixels"
+        )
+
+
 def _measure_distances(
     kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place
 ) -> tuple[Tensor, Tensor]:
@@ -146,11 +146,8 @@ def _measure_distances(
         )
     if not bool(torch.isfinite(place).all() and torch.isfinite(q).all()):
         raise ValueError(f"the click {at} or the state {q.tolist()} is not finite; check the rollout")
-    if len(at) == 2 and not (0.0 <= at[0] <= kinematics.width and 0.0 <= at[1] <= kinematics.height):
-        raise NoMatterError(
-            f"the point {_format_point(at)} is outside the image of {kinematics.width} x "
-            f"{kinematics.height} px; give x to the right and y down, in pixels of the training resolution"
-        )
+    if len(at) == 2:
+        _require_inside(at, kinematics.height, kinematics.width)
     present = kinematics.presence(q[None])[0]
     if not float(present.max()) >= ALPHA_MIN:
         raise NoMatterError(
@@ -218,11 +215,7 @@ def cast_ray(
     if not bool(torch.isfinite(q).all()):
         raise ValueError(f"the state {q.tolist()} is not finite; check the rollout")
     height, width = size or (autoencoder.height, autoencoder.width)
-    if not (0.0 <= pixel[0] <= width and 0.0 <= pixel[1] <= height):
-        raise NoMatterError(
-            f"the point ({pixel[0]:.4g}, {pixel[1]:.4g}) is outside the image of {width} x {height} px; "
-            "give x to the right and y down, in its pixels"
-        )
+    _require_inside(pixel, height, width)
     scene = model.condition(torch.from_numpy(chart.to_raw(q[None].numpy())).to(model.center))
     ahead = compute_depths(scene.means, view)
     # number and depth of each Gaussian are sorted with it in place of its colour
@@ -231,9 +224,10 @@ def cast_ray(
     transmittance = torch.cumprod(1.0 - evaluate_alpha(flat, pixel), dim=0)
     hit = transmittance < STOPPED
     if not bool(hit.any()):
+        opacity = 1.0 - float(transmittance.min()) if len(transmittance) else 0.0
         raise NoMatterError(
-            f"the ray through ({pixel[0]:.4g}, {pixel[1]:.4g}) meets nothing: its opacity is only "
-            f"{1.0 - float(transmittance.min()) if len(transmittance) else 0.0:.0%}; click on the object"
+            f"the ray through {_format_point(pixel)} meets nothing: its opacity is only {opacity:.0%}; click on "
+            "the object"
         )
     first = int(hit.double().argmax())
     number, depth, _ = flat.color[0, first].tolist()

@@ -30,7 +30,7 @@ def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: b
         FileNotFoundError: an artefact of the run, or the session, is not there.
         ValueError: an artefact is unreadable, or the session is of another run.
     """
-    from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+    from lagsplat.viewer.server.server import ViewerServer
     from lagsplat.viewer.server.session_export import load_history
 
     set_threads(CORES)
@@ -39,9 +39,9 @@ def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: b
     if "replay" in own:
         session.replay(load_history(Path(own["replay"])))
     residual = _residual(Path(own["diagnosis"]), session) if "diagnosis" in own else None
-    show = ViewerContent(session, title_of(folder), _frames(run), Path(own.get("out", str(folder))), residual)
-    live = ViewerServer(show, experiment.viewer)
-    print(f"{title_of(folder)}: {live.url}   (Ctrl-C ends it)", flush=True)
+    title, out = title_of(folder), Path(own.get("out", str(folder)))
+    live = ViewerServer(session, title=title, read_frame=_frames(run), folder=out, residual=residual)
+    print(f"{title}: {live.url}   (Ctrl-C ends it)", flush=True)
     if browser:
         live.open_browser()
     live.wait()

@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from lagsplat.config.compose import compose
-from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+from lagsplat.viewer.server.server import ViewerServer
 from tests.browser.chromium import NO_WEBGL, browser, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 from tests.browser.live_page import VIEW, canvas_of, drag_from, middle, opened, settled
@@ -14,13 +13,10 @@ from tests.browser.live_page import VIEW, canvas_of, drag_from, middle, opened, 
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
-    session, settings = (
-        disc(),
-        compose("system=toy", "viewer.port=0", "viewer.pictures_hz=6", "viewer.side=48"),
-    )
+    session = disc("viewer.port=0", "viewer.pictures_hz=6", "viewer.side=48")
     folder = tmp_path_factory.mktemp("live")
     frame = np.full((24, 32, 3), 90, np.uint8)
-    one = ViewerServer(ViewerContent(session, "Rocking disc", lambda number: frame, folder), settings.viewer)
+    one = ViewerServer(session, title="Rocking disc", read_frame=lambda number: frame, folder=folder)
     yield one
     one.stop()
 
@@ -52,7 +48,7 @@ def drag(page, live, place: tuple[float, float], by: float) -> None:
 
 
 def test_a_drag_pushes_the_matter_under_the_pointer_until_its_release(page, live) -> None:
-    session = live.content.session
+    session = live.session
     drag(page, live, TOP, 60.0)
     grasp = until(
         lambda: (
@@ -73,10 +69,10 @@ def test_a_drag_pushes_the_matter_under_the_pointer_until_its_release(page, live
 def test_the_drawn_object_moves_in_the_pushed_direction_and_returns(page, live) -> None:
     before = settled(page)
     drag(page, live, TOP, 60.0)
-    until(lambda: live.content.session.active_grasp is not None, "a push")
+    until(lambda: live.session.active_grasp is not None, "a push")
     time.sleep(0.5)
     page.mouse.up()
-    until(lambda: live.content.session.active_grasp is None, "the release")
+    until(lambda: live.session.active_grasp is None, "the release")
     live.loop.submit(lambda s: s.to_frame(25))  # pushed or started to the right, without the arrow over it
     live.loop.submit(lambda s: s.pause(True))
     until(lambda: middle(page) > before + 2.0, "drawn pixels to the right")
@@ -86,7 +82,7 @@ def test_the_drawn_object_moves_in_the_pushed_direction_and_returns(page, live) 
 
 
 def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
-    session = live.content.session
+    session = live.session
     rest = session.q.copy()
     drag(page, live, WALL, 80.0)
     until(lambda: session.active_grasp is not None, "a hold of the wall")
@@ -97,7 +93,7 @@ def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
 
 
 def test_controls_reach_the_session(page, live) -> None:
-    session = live.content.session
+    session = live.session
     page.get_by_role("button", name="Pause").dispatch_event("click")
     until(lambda: session.status == "paused", "the pause")
     steps = session.steps
@@ -117,11 +113,11 @@ def test_controls_reach_the_session(page, live) -> None:
     until(lambda: session.edits.damping == 1.0, "damping as learned")
     page.get_by_role("tab", name="View").click()
     page.get_by_label("Outline at rest").dispatch_event("click")
-    until(lambda: live.scene_view.options.outline, "the outline")
+    until(lambda: live.scene_view.shown["outline"], "the outline")
     page.get_by_role("tab", name="Record").click()
     page.get_by_role("button", name="Save the session").dispatch_event("click")
     until(
-        lambda: {p.suffix for p in live.content.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"},
+        lambda: {p.suffix for p in live.folder.glob("session_*")} == {".mcap", ".mp4", ".gif"},
         "files",
     )
     page.get_by_role("button", name="Replay what I did").dispatch_event("click")
@@ -131,7 +127,7 @@ def test_controls_reach_the_session(page, live) -> None:
 
 
 def test_closing_a_tab_releases_its_grasp_and_it_may_return(chromium, live) -> None:
-    session = live.content.session
+    session = live.session
     tab = opened(chromium, live)
     drag(tab, live, TOP, 60.0)
     until(lambda: session.active_grasp is not None, "a push")
@@ -149,7 +145,7 @@ def test_closing_a_tab_releases_its_grasp_and_it_may_return(chromium, live) -> N
 
 
 def test_two_tabs_see_the_same_and_the_last_grasp_holds(chromium, live) -> None:
-    session = live.content.session
+    session = live.session
     one, two = opened(chromium, live), opened(chromium, live)
     drag(one, live, TOP, 60.0)
     until(lambda: session.active_grasp is not None and session.active_grasp.force[0] > 0, "the first hand")

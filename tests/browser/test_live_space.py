@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from lagsplat.config.compose import compose
-from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+from lagsplat.viewer.server.server import ViewerServer
 from tests.browser.chromium import browser, until
 from tests.browser.live_page import canvas_of, drag_from, middle, opened, settled
 from tests.unit.forces.solid import FRONT, turning
@@ -20,12 +19,10 @@ BY = 60.0
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
-    settings = compose("system=toy", "viewer.port=0", "viewer.pictures_hz=6", "viewer.window=64")
+    plate = session(turning(), "viewer.port=0", "viewer.pictures_hz=6", "viewer.window=64")
     folder = tmp_path_factory.mktemp("live")
     frame = np.full((24, 32, 3), 90, np.uint8)
-    one = ViewerServer(
-        ViewerContent(session(turning()), "Plate in space", lambda number: frame, folder), settings.viewer
-    )
+    one = ViewerServer(plate, title="Plate in space", read_frame=lambda number: frame, folder=folder)
     yield one
     one.stop()
 
@@ -80,7 +77,7 @@ def turn(page, live) -> None:
 
 def pushed(page, live, by: float) -> np.ndarray:
     """Drag the plate and hold it until the state has gone that way; the force."""
-    session = live.content.session
+    session = live.session
     x, y = at(page, live, TOP)
     drag_from(page, x, y, by)
     grasp = until(
@@ -94,7 +91,7 @@ def pushed(page, live, by: float) -> np.ndarray:
 
 
 def test_a_drag_moves_the_drawn_object_and_it_returns(page, live) -> None:
-    before, session = settled(page), live.content.session
+    before, session = settled(page), live.session
     force = pushed(page, live, BY)
     assert force[0] > 0.0
     assert abs(force[2]) < 1e-9, "seen from the front, a drag does not push into the screen"
@@ -107,7 +104,7 @@ def test_a_drag_moves_the_drawn_object_and_it_returns(page, live) -> None:
 
 
 def test_a_drag_beside_it_turns_the_camera_and_moves_nothing(page, live) -> None:
-    session, before = live.content.session, live.content.session.q.copy()
+    session, before = live.session, live.session.q.copy()
     turn(page, live)
     assert session.active_grasp is None
     np.testing.assert_allclose(session.q, before, atol=1e-6)
@@ -122,7 +119,7 @@ def test_a_push_from_the_side_lies_in_the_plane_of_the_screen(page, live) -> Non
     assert abs(ahead @ force) < 1e-3 * np.linalg.norm(force)
     assert abs(force[2]) > 0.05 * np.linalg.norm(force), "seen from the side, a drag also pushes into depth"
     page.mouse.up()
-    until(lambda: live.content.session.active_grasp is None, "the release")
+    until(lambda: live.session.active_grasp is None, "the release")
 
 
 def test_a_button_returns_to_the_recording_camera(page, live) -> None:
@@ -135,7 +132,7 @@ def test_a_button_returns_to_the_recording_camera(page, live) -> None:
 
 
 def test_closing_a_tab_releases_its_grasp(page, live) -> None:
-    session = live.content.session
+    session = live.session
     pushed(page, live, BY)
     page.close()
     until(lambda: session.active_grasp is None, "the release of a closed tab")

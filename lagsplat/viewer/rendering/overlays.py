@@ -32,8 +32,6 @@ def to_segments(line: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "m 2 k"
 
 
 REST = (64, 196, 255)  # colour of the outline at rest
-
-
 OPAQUE = 0.3  # opacity at the boundary of a drag proxy
 MOST = 1200  # number of Gaussians that a browser keeps track of; the largest are taken
 NOWHERE = 1e-4  # half axis of a faded proxy [px]; a browser does not draw a scale of zero
@@ -41,14 +39,14 @@ STATES = 16  # recorded states at which the opacity of the Gaussians is checked
 
 
 class DragProxies:
-    """Ellipsoids on the Gaussians that move and are visible in the recording, in the coordinates of the run.
-
-    ``moving`` (K,) marks the Gaussians of the decoder that move.
-    """
+    """Ellipsoids on the Gaussians that move, ``moving`` (K,), and are visible in the recording."""
 
     def __init__(self, operating_point: OperatingPoint) -> None:
         self.kinematics = operating_point.kinematics
-        presence = self._largest_presence(operating_point)
+        states = operating_point.chart.train.latents
+        rows = np.linspace(0, len(states) - 1, min(STATES, len(states))).astype(int)
+        visited = torch.cat([operating_point.rest[None], torch.from_numpy(states[rows])])
+        presence = self.kinematics.presence(visited).amax(0)
         with torch.no_grad():
             covariance = operating_point.autoencoder.gaussians.covariance().cpu().double()
         values, vectors = np.linalg.eigh(covariance[:, SQUARE].unflatten(1, (3, 3)).numpy())
@@ -66,21 +64,13 @@ class DragProxies:
         """Orientations (w, x, y, z) of the ellipsoids in the coordinates of the run times ``flip``."""
         return Rotation.from_matrix(flip[:, None] * self.axes).as_quat(scalar_first=True)
 
-    def ellipsoids(
-        self, q: Float64[np.ndarray, " d"]
-    ) -> tuple[Float64[np.ndarray, "K 3"], Float64[np.ndarray, "K 3"]]:
-        """Centres and half axes [px at the pivot] at a whitened state; faded Gaussians have tiny axes."""
+    def ellipsoids(self, q: Float64[np.ndarray, " d"]) -> tuple[np.ndarray, np.ndarray]:
+        """Centres and half axes (K, 3) [px at the pivot] at a whitened state; tiny axes where faded."""
         state = torch.from_numpy(q)[None]
         place = self.kinematics.places(state)[0, self.chosen].numpy()
         present = self.kinematics.presence(state)[0, self.chosen].numpy()
         ends = np.sqrt(2.0 * np.log(np.maximum(present / OPAQUE, 1.0)))
         return place, np.maximum(ends[:, None] * self.sigma, NOWHERE)
-
-    def _largest_presence(self, operating_point: OperatingPoint) -> torch.Tensor:
-        states = operating_point.chart.train.latents
-        rows = np.linspace(0, len(states) - 1, min(STATES, len(states))).astype(int)
-        visited = torch.cat([operating_point.rest[None], torch.from_numpy(states[rows])])
-        return self.kinematics.presence(visited).amax(0)
 
 
 def make_ball() -> tuple[Float64[np.ndarray, "12 3"], Int64[np.ndarray, "20 3"]]:
@@ -105,16 +95,12 @@ SHORT = 12  # outlines of at most as many corners are specks
 def trace_rest_outline(operating_point: OperatingPoint) -> list[Float64[np.ndarray, "n 2"]]:
     """Trace the outlines of the object at rest [px of the training resolution]."""
     rest = operating_point.rest[None]
-    mask = draw_outline(
-        operating_point.render_images(rest, scale=FINER)[0],
-        find_moving_parts(operating_point.autoencoder, operating_point.chart, rest[0].numpy()),
-    )
+    scene = find_moving_parts(operating_point.autoencoder, operating_point.chart, rest[0].numpy())
+    mask = draw_outline(operating_point.render_images(rest, scale=FINER)[0], scene)
     return [line / FINER for line in trace_outlines(mask.astype(np.float64), smooth_px=float(FINER))]
 
 
-def trace_outlines(
-    share: Float64[np.ndarray, "H W"], *, smooth_px: float
-) -> list[Float64[np.ndarray, "n 2"]]:
+def trace_outlines(share: Float64[np.ndarray, "H W"], *, smooth_px: float) -> list[np.ndarray]:
     """Trace where a smoothed mask crosses one half, as polylines of corners (x, y) [px]."""
     smooth = np.pad(gaussian_filter(share, smooth_px), 1)
     return [line[:, ::-1] - 0.5 for line in find_contours(smooth, 0.5) if len(line) > SHORT]
@@ -139,8 +125,8 @@ class AccelerationField:
 
     def __init__(self, operating_point: OperatingPoint) -> None:
         kinematics = operating_point.kinematics
-        places = kinematics.places(operating_point.rest[None])[0].numpy()
-        present = kinematics.presence(operating_point.rest[None])[0].numpy()
+        rest = operating_point.rest[None]
+        places, present = kinematics.places(rest)[0].numpy(), kinematics.presence(rest)[0].numpy()
         motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
         cell = max(kinematics.height, kinematics.width) / CELLS
         usable = select_moving(kinematics) & (present > PRESENT)
@@ -161,6 +147,10 @@ class AccelerationField:
     def along(self, rate: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n k"]:
         """Motion of the matter at the feet for a rate of the state [px per unit of the rate]."""
         return self.jacobian @ rate
+
+    def largest(self, rate: Float64[np.ndarray, " d"]) -> float:
+        """The largest of these motions, never zero."""
+        return float(np.linalg.norm(self.along(rate), axis=1).max(initial=1e-12))
 
     def arrows(
         self, q: Float64[np.ndarray, " d"], rate: Float64[np.ndarray, " d"], *, largest: float
@@ -198,10 +188,8 @@ class Silhouettes:
         """Show a visitor the outline seen from ``camera``; trace it anew if ``camera_key`` has changed."""
         handle = self.handles.get(client.client_id)
         if handle is None:
-            empty = np.zeros((1, 2, 3))
-            handle = self.handles[client.client_id] = draw_lines(
-                client.scene, "/rest", empty, REST, thick=THICK
-            )
+            handle = draw_lines(client.scene, "/rest", np.zeros((1, 2, 3)), REST, thick=THICK)
+            self.handles[client.client_id] = handle
         if self.drawn_keys.get(client.client_id) != camera_key:
             self.drawn_keys[client.client_id] = camera_key
             handle.points = self.scene_frame.to_scene(self.trace(camera)).astype(np.float32)

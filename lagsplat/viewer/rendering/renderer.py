@@ -1,7 +1,5 @@
 """Draws states of a run at any size, from the recording camera or, in space, from any other."""
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
@@ -16,32 +14,12 @@ from lagsplat.views.camera import Camera
 RgbImage = UInt8[np.ndarray, "H W 3"]
 
 
-@runtime_checkable
-class FrameRenderer(Protocol):
-    """Draws whitened states as the recording camera sees them.
-
-    ``stretch`` is the number of drawn pixels per pixel of the training resolution.
-    """
-
-    stretch: float
-
-    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
-        """Draw a whitened state."""
-
-    def project_points(self, places: Float64[np.ndarray, "*B n"]) -> Float64[np.ndarray, "*B 2"]:
-        """Pixels of the drawn image at ``places`` on the matter [px of the training resolution]."""
-
-    @property
-    def center(self) -> tuple[float, ...]:
-        """The position at the centre of the image [px]; in space the pivot."""
-
-
 class ImageRenderer:
-    """A `FrameRenderer` for Gaussians in the image plane."""
+    """Draws Gaussians in the image plane; ``stretch`` drawn pixels cover one of the training resolution."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         self.chart = chart
-        self.stretch, height, width = _sized(autoencoder, side)
+        self.stretch, height, width = _fit_side(autoencoder, side)
         stretch = (width / autoencoder.width, height / autoencoder.height)
         self.rasterizer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
 
@@ -60,16 +38,16 @@ class ImageRenderer:
 
 
 class SceneRenderer:
-    """A `FrameRenderer` for Gaussians in space, which also draws the view of other cameras."""
+    """Draws Gaussians in space as the recording camera sees them, or another; else as `ImageRenderer`."""
 
     def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
         assert autoencoder.lens is not None, "only Gaussians in space have a camera"
         self.model, self.chart = autoencoder.gaussians, chart
         self.backend = autoencoder.backend
-        self.stretch, height, width = _sized(autoencoder, side)
+        self.stretch, height, width = _fit_side(autoencoder, side)
         across, down, x, y = autoencoder.lens
-        size = {"height": autoencoder.height, "width": autoencoder.width}
-        camera = Camera(np.eye(3), np.zeros(3), (across, down), (x, y), **size)
+        pose, lens = (np.eye(3), np.zeros(3)), ((across, down), (x, y))
+        camera = Camera(*pose, *lens, autoencoder.height, autoencoder.width)
         self.recording_camera = camera.resized(height, width)
 
     def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
@@ -104,13 +82,16 @@ class SceneRenderer:
         return 0.0, 0.0, self.recording_camera.focal[0] / self.stretch
 
 
-def open_renderer(autoencoder: Autoencoder, chart: Chart, *, side: int) -> ImageRenderer | SceneRenderer:
+FrameRenderer = ImageRenderer | SceneRenderer
+
+
+def open_renderer(autoencoder: Autoencoder, chart: Chart, *, side: int) -> FrameRenderer:
     """Open the renderer for a decoder in the image plane or in space; ``side`` is the longer side [px]."""
     kind = ImageRenderer if autoencoder.gaussians.space == 2 else SceneRenderer
     return kind(autoencoder, chart, side=side)
 
 
-def _sized(autoencoder: Autoencoder, side: int) -> tuple[float, int, int]:
+def _fit_side(autoencoder: Autoencoder, side: int) -> tuple[float, int, int]:
+    """Factor, height and width of the image whose longer side is ``side``."""
     stretch = side / max(autoencoder.height, autoencoder.width)
-    height, width = (max(1, round(stretch * n)) for n in (autoencoder.height, autoencoder.width))
-    return stretch, height, width
+    return stretch, max(1, round(stretch * autoencoder.height)), max(1, round(stretch * autoencoder.width))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 from viser.transforms import SO3
 
-from lagsplat.views.camera import Camera
+from lagsplat.views.camera import Camera, center_camera
 
 LONG = 4.0  # length of the longer side of the image in the scene
 Vector3 = tuple[float, float, float]
@@ -97,22 +97,13 @@ class SceneFrame:
         return self.pivot + self.image_plane.unit * points * FLIP
 
     def camera(
-        self,
-        *,
-        wxyz: Float64[np.ndarray, "4"],
-        position: Float64[np.ndarray, "3"],
-        fov: float,
-        aspect: float,
-        side: int,
+        self, *, wxyz: np.ndarray, position: np.ndarray, fov: float, aspect: float, side: int
     ) -> Camera:
         """Convert a visitor's camera to the coordinates of the run.
 
-        Args:
-            wxyz: quaternion from camera coordinates (x right, y down, z ahead) to the scene's.
-            position: position in the scene.
-            fov: vertical field of view [rad].
-            aspect: width of the window over its height.
-            side: pixels along the longer side.
+        ``wxyz`` is the quaternion from camera coordinates (x right, y down, z ahead) to the scene's, in which
+        ``position`` is given; ``fov`` is the vertical field of view [rad], ``aspect`` the width of the window
+        over its height and ``side`` the number of pixels along the longer side.
 
         Raises:
             ValueError: numbers that define no camera.
@@ -127,11 +118,6 @@ class SceneFrame:
         share = float(np.clip(aspect, 1.0 / SLIM, SLIM))
         height, width = round(side * min(1.0, 1.0 / share)), round(side * min(1.0, share))
         focal = 0.5 * height / float(np.tan(0.5 * fov))
-        return Camera(
-            rotation=SO3(numbers[:4]).as_matrix().T * FLIP,
-            position=self.to_space(numbers[4:7]),
-            focal=(focal, focal),
-            middle=(0.5 * width, 0.5 * height),
-            height=height,
-            width=width,
-        )
+        rotation = SO3(numbers[:4]).as_matrix().T * FLIP
+        position = self.to_space(numbers[4:7])
+        return center_camera(rotation, position, focal=focal, height=height, width=width)

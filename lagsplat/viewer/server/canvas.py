@@ -7,7 +7,6 @@ scene let the browser distinguish a drag of the object from one that turns the v
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -17,18 +16,11 @@ from jaxtyping import Float64
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import Place, Point, cast_ray
 from lagsplat.splat.projection import make_view
-from lagsplat.viewer.rendering.overlays import (
-    REST,
-    DragProxies,
-    Silhouettes,
-    draw_lines,
-    make_ball,
-    to_segments,
-    trace_rest_outline,
-)
+from lagsplat.viewer.rendering import overlays
 from lagsplat.viewer.rendering.renderer import ImageRenderer, RgbImage, SceneRenderer
 from lagsplat.viewer.rendering.scene_frame import FLIP, ImagePlane, SceneFrame
 from lagsplat.views.camera import Camera
+from lagsplat.views.novel import cameras_bytes
 
 MATTER = "/matter"
 BEYOND = 0.5  # how far outside a window a pointer still counts, as a share of its size
@@ -40,61 +32,108 @@ FRONT = 0.02  # distance between an overlay and the image below it
 Pointer = Float64[np.ndarray, "2"]
 
 
-@runtime_checkable
-class Drag(Protocol):
-    """A drag that began at the pixel ``press``."""
+class ImageDrag:
+    """A drag in the image [px of the training resolution] that began at the pixel ``press``."""
 
-    press: Pointer
+    def __init__(self, press: Pointer) -> None:
+        self.press = press
 
-    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Point | Place, int | None]:
-        """The position that was pressed at the state ``q`` [px], and in space the number of the Gaussian.
+    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Point, None]:
+        """The pressed pixel, and no Gaussian."""
+        return (float(self.press[0]), float(self.press[1])), None
+
+    def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "2"]:
+        """The vector from the press to the pixel ``pointer``."""
+        return pointer - self.press
+
+
+class RayDrag:
+    """A drag in the image of a ``camera`` in space that began at the pixel ``press``.
+
+    The ray through the pressed pixel meets a Gaussian. The drag lies in the plane through that point parallel
+    to the image, so that the pulled point follows the pointer on the screen.
+
+    Source: paper, "Forces in three dimensions".
+    """
+
+    def __init__(self, operating_point: OperatingPoint, camera: Camera, press: Pointer) -> None:
+        self.operating_point, self.camera, self.press = operating_point, camera, press
+        self.depth = 0.0
+
+    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Place, int]:
+        """The point of the ray at the depth of the first Gaussian that it meets, and its number.
 
         Raises:
-            ValueError: there is nothing.
+            NoMatterError: it meets nothing.
         """
+        autoencoder, chart = self.operating_point.autoencoder, self.operating_point.chart
+        pixel, size = (float(self.press[0]), float(self.press[1])), (self.camera.height, self.camera.width)
+        hit = cast_ray(autoencoder, chart, torch.from_numpy(q), make_view([self.camera]), pixel, size=size)
+        self.depth = hit.depth
+        x, y, z = (self.camera.position + hit.depth * self.camera.ray(pixel)).tolist()
+        return (x, y, z), hit.gaussian
 
-    def displacement(self, pointer: Pointer) -> Float64[np.ndarray, " n"]:
-        """The drag to the pixel ``pointer`` [px], in the image or in space."""
+    def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "3"]:
+        """The vector from the press to the pointer in the plane of the drag; zero before `find_target`."""
+        right, down = self.depth * (pointer - self.press) / np.array(self.camera.focal)
+        return right * self.camera.rotation[0] + down * self.camera.rotation[1]
 
 
+Drag = ImageDrag | RayDrag
 DragHandler = Callable[[str, Drag | None, Pointer, int], None]
 """Called with the phase of a drag (start, update, end), the drag or None where it is invalid, the pointer and
 the number of the client."""
 
 
-@runtime_checkable
-class Canvas(Protocol):
-    """Shows a run in the scene and receives drags on it."""
+def listen_to_drags(
+    node: viser.ImageHandle | viser.BatchedMeshHandle,
+    locate: Callable[[viser.SceneNodeDragEvent], tuple[Drag, Pointer]],
+    act: DragHandler,
+) -> None:
+    """Call ``act`` with every drag of a node; ``locate`` finds where it began and where it is.
 
-    size: tuple[float, float]  # width and height of the recorded image in the scene
-    axes: Float64[np.ndarray, "2 n"]
-    """Directions to the right and down in the latest drag, in the coordinates of the run."""
-    reset_view_label: str  # label of the button that resets the view
+    viser delivers about 20 updates a second of a drag on a node, and an end when its tab is closed.
+    """
 
-    def paint(self, q: Float64[np.ndarray, " d"]) -> Any:
-        """Draw a state for every visitor; pass the result to `send`."""
+    @node.on_drag("left")
+    async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
+        drag: Drag | None
+        try:
+            drag, pointer = locate(event)
+        except ValueError:
+            drag, pointer = None, np.full(2, np.nan)
+        act(event.phase, drag, pointer, event.client_id)
 
-    def send(self, painted: Any) -> None:
-        """Send a painted state to the visitors."""
 
-    def to_scene(self, places: Float64[np.ndarray, "*B n"], *, layer: int = 1) -> Float64[np.ndarray, "*B 3"]:
-        """Scene coordinates of positions on the matter [px]; ``layer`` raises them above an image."""
+def add_image(
+    scene: viser.SceneApi, name: str, image: RgbImage, size: tuple[float, float], *, left: float = 0.0
+) -> viser.ImageHandle:
+    """Add an upright image to a scene, ``left`` units beside its origin."""
+    node = scene.add_image(name, image, *size, format="jpeg", jpeg_quality=QUALITY, wxyz=UPRIGHT)
+    node.cast_shadow = node.receive_shadow = False
+    node.position = (left, 0.0, 0.0)
+    return node
 
-    def show_rest(self, visible: bool) -> None:
-        """Show or hide the outline of the object at rest."""
 
-    def reset_view(self, client: viser.ClientHandle) -> None:
-        """Turn a visitor's view to that of the recording camera."""
+def place_first_camera(server: viser.ViserServer, eye: tuple[float, float, float], fov: float) -> None:
+    """Let new visitors look at the origin of the scene from ``eye``."""
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.up, camera.fov = eye, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), fov
 
-    def on_drag(self, act: DragHandler) -> None:
-        """Call ``act`` with every drag of the object."""
 
-    def on_camera_change(self, act: Callable[[], None]) -> None:
-        """Call ``act`` when a visitor's view needs a new image."""
+def look_from(camera: viser.CameraHandle, eye: tuple[float, float, float]) -> None:
+    """Let a visitor look at the origin of the scene from ``eye``."""
+    camera.up_direction, camera.look_at = (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
+    camera.position = eye
+    camera.look_at = (0.0, 0.0, 0.0)  # setting the position has moved it
 
 
 class ImageCanvas:
-    """A `Canvas` for a run in the image plane: one image for every visitor."""
+    """Shows a run in the image plane: one image for every visitor.
+
+    ``size`` is the width and height of the image in the scene, ``axes`` are the directions to the right and
+    down in the latest drag.
+    """
 
     reset_view_label = "Face the image"
     axes = np.eye(2)
@@ -105,22 +144,14 @@ class ImageCanvas:
         self.server, self.renderer = server, renderer
         self.image_plane = ImagePlane(operating_point.kinematics.width, operating_point.kinematics.height)
         self.size = self.image_plane.size
-        self._place_camera()
-        blank, (width, height) = renderer.draw(operating_point.rest.numpy()), self.size
-        self.image_node = server.scene.add_image(
-            IMAGE,
-            blank,
-            width,
-            height,
-            format="jpeg",
-            jpeg_quality=QUALITY,
-            cast_shadow=False,
-            receive_shadow=False,
-            wxyz=UPRIGHT,
-        )
-        outline = [to_segments(self.to_scene(line)) for line in trace_rest_outline(operating_point)]
+        place_first_camera(server, (0.0, 0.0, self.far), FOV)
+        blank = renderer.draw(operating_point.rest.numpy())
+        self.image_node = add_image(server.scene, IMAGE, blank, self.size)
+        outline = [
+            overlays.to_segments(self.to_scene(line)) for line in overlays.trace_rest_outline(operating_point)
+        ]
         points = np.concatenate(outline or [np.zeros((1, 2, 3))])
-        self.rest = draw_lines(server.scene, "/rest", points, REST, thick=0.014)
+        self.rest = overlays.draw_lines(server.scene, "/rest", points, overlays.REST, thick=0.014)
 
     def paint(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
         """Draw a state."""
@@ -140,26 +171,11 @@ class ImageCanvas:
 
     def reset_view(self, client: viser.ClientHandle) -> None:
         """Turn a visitor's view back to the front of the image."""
-        client.camera.up_direction = (0.0, 1.0, 0.0)
-        client.camera.look_at = (0.0, 0.0, 0.0)
-        client.camera.position = (0.0, 0.0, self.far)
+        look_from(client.camera, (0.0, 0.0, self.far))
 
     def on_drag(self, act: DragHandler) -> None:
-        """Call ``act`` with every drag of the image.
-
-        viser delivers about 20 updates a second of a drag on a node, and an end when its tab is closed.
-        """
-
-        @self.image_node.on_drag("left")
-        async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
-            eye = tuple(event.client.camera.position)
-            try:
-                press = ImageDrag(self.image_plane.to_pixels(event.start_position, eye=eye))
-                pointer = self.image_plane.to_pixels(event.end_position, eye=eye)
-            except ValueError:
-                act(event.phase, None, np.full(2, np.nan), event.client_id)
-            else:
-                act(event.phase, press, pointer, event.client_id)
+        """Call ``act`` with every drag of the image."""
+        listen_to_drags(self.image_node, self._locate, act)
 
     def on_camera_change(self, act: Callable[[], None]) -> None:
         """Do nothing: the image does not depend on the camera."""
@@ -169,10 +185,12 @@ class ImageCanvas:
         """Distance from which the whole image is visible."""
         return 0.62 * max(self.size) / float(np.tan(0.5 * FOV))
 
-    def _place_camera(self) -> None:
-        camera = self.server.initial_camera
-        camera.position, camera.look_at, camera.up = (0.0, 0.0, self.far), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-        camera.fov = FOV
+    def _locate(self, event: viser.SceneNodeDragEvent) -> tuple[ImageDrag, Pointer]:
+        eye = tuple(event.client.camera.position)
+        press, pointer = (
+            self.image_plane.to_pixels(place, eye=eye) for place in (event.start_position, event.end_position)
+        )
+        return ImageDrag(press), pointer
 
 
 @dataclass(frozen=True)
@@ -195,7 +213,7 @@ class PaintedFrame:
 
 
 class CameraCanvas:
-    """A `Canvas` for a run in space, with one image of ``side`` pixels for each visitor."""
+    """Shows a run in space, with one image of ``side`` pixels for each visitor; else as `ImageCanvas`."""
 
     reset_view_label = "Look from the recording camera"
 
@@ -210,17 +228,15 @@ class CameraCanvas:
         self.server, self.operating_point, self.renderer, self.side = server, operating_point, renderer, side
         image_plane = ImagePlane(operating_point.kinematics.width, operating_point.kinematics.height)
         self.scene_frame, self.size = SceneFrame(renderer.center[2], image_plane), image_plane.size
-        self.axes, self.drag_proxies = np.eye(3)[:2], DragProxies(operating_point)
-        self.silhouettes = Silhouettes(
-            renderer, self.scene_frame, self.drag_proxies.moving, operating_point.rest.numpy()
-        )
+        self.axes, self.drag_proxies = np.eye(3)[:2], overlays.DragProxies(operating_point)
+        rest = operating_point.rest.numpy()
+        self.silhouettes = overlays.Silhouettes(renderer, self.scene_frame, self.drag_proxies.moving, rest)
         self.resting = False
         self.drawn_keys: dict[int, bytes] = {}
-        self._place_camera()
-        # compiles the rasterizer, so that the first visitor need not wait
-        renderer.draw(operating_point.rest.numpy())
-        corners, faces = make_ball()
-        at_rest = self.paint(operating_point.rest.numpy())
+        place_first_camera(server, self.scene_frame.eye, self.scene_frame.fov(self.size[0] / self.size[1]))
+        renderer.draw(rest)  # compiles the rasterizer, so that the first visitor need not wait
+        corners, faces = overlays.make_ball()
+        at_rest = self.paint(rest)
         self.proxy_node = server.scene.add_batched_meshes_simple(
             MATTER,
             corners,
@@ -243,16 +259,13 @@ class CameraCanvas:
                 camera = self.camera(client)
             except ValueError:
                 continue  # a visitor with an invalid camera keeps the previous image
-            camera_key = b"".join(
-                part.tobytes() for part in (camera.rotation, camera.position, camera.matrix())
-            )
+            camera_key = cameras_bytes([camera])
             if self.drawn_keys.get(client_id) != camera_key + q.tobytes():
                 self.drawn_keys[client_id] = camera_key + q.tobytes()
                 windows.append(CameraView(client, camera, camera_key, self.renderer.render_view(q, camera)))
         places, halves = self.drag_proxies.ellipsoids(q)
-        return PaintedFrame(
-            self.scene_frame.to_scene(places), halves / self.scene_frame.image_plane.unit, windows
-        )
+        unit = self.scene_frame.image_plane.unit
+        return PaintedFrame(self.scene_frame.to_scene(places), halves / unit, windows)
 
     def send(self, painted: PaintedFrame) -> None:
         """Send a painted state to the visitors."""
@@ -279,10 +292,7 @@ class CameraCanvas:
 
     def reset_view(self, client: viser.ClientHandle) -> None:
         """Turn a visitor's view to that of the recording camera."""
-        camera = client.camera
-        camera.up_direction, camera.look_at = (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
-        camera.position = self.scene_frame.eye
-        camera.look_at = (0.0, 0.0, 0.0)  # setting the position has moved it
+        look_from(client.camera, self.scene_frame.eye)
 
     def fit(self, camera: viser.CameraHandle) -> None:
         """Set the field of view so that a window of any shape shows the whole recorded image."""
@@ -308,23 +318,16 @@ class CameraCanvas:
             raise ValueError(f"a visitor's camera is invalid: {error}") from error
 
     def on_drag(self, act: DragHandler) -> None:
-        """Call ``act`` with every drag of the object.
+        """Call ``act`` with every drag of the object."""
+        listen_to_drags(self.proxy_node, self._locate, act)
 
-        viser delivers about 20 updates a second of a drag on a node, and an end when its tab is closed.
-        """
-
-        @self.proxy_node.on_drag("left")
-        async def _(event: viser.SceneNodeDragEvent) -> None:  # async: phases arrive in their order
-            try:
-                camera = self.camera(event.client)
-                press = to_pixel(camera, event.start_screen_pos)
-                pointer = to_pixel(camera, event.end_screen_pos)
-            except ValueError:
-                act(event.phase, None, np.full(2, np.nan), event.client_id)
-                return
-            if event.phase == "start":
-                self.axes = camera.rotation[:2]
-            act(event.phase, RayDrag(self.operating_point, camera, press), pointer, event.client_id)
+    def _locate(self, event: viser.SceneNodeDragEvent) -> tuple[RayDrag, Pointer]:
+        camera = self.camera(event.client)
+        places = (event.start_screen_pos, event.end_screen_pos)
+        press, pointer = (to_pixel(camera, place) for place in places)
+        if event.phase == "start":
+            self.axes = camera.rotation[:2]
+        return RayDrag(self.operating_point, camera, press), pointer
 
     def on_camera_change(self, act: Callable[[], None]) -> None:
         """Call ``act`` when a visitor arrives or moves the camera."""
@@ -341,59 +344,8 @@ class CameraCanvas:
             self.drawn_keys.pop(client.client_id, None)
             self.silhouettes.forget(client.client_id)
 
-    def _place_camera(self) -> None:
-        camera = self.server.initial_camera
-        camera.position, camera.look_at, camera.up = self.scene_frame.eye, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-        camera.fov = self.scene_frame.fov(self.size[0] / self.size[1])
 
-
-class ImageDrag:
-    """A drag in the image [px of the training resolution]."""
-
-    def __init__(self, press: Pointer) -> None:
-        self.press = press
-
-    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Point, None]:
-        """The pressed pixel."""
-        return (float(self.press[0]), float(self.press[1])), None
-
-    def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "2"]:
-        """The vector from the press to the pointer."""
-        return pointer - self.press
-
-
-class RayDrag:
-    """A drag in the image of a ``camera`` in space.
-
-    The ray through the pressed pixel meets a Gaussian. The drag lies in the plane through that point parallel
-    to the image, so that the pulled point follows the pointer on the screen.
-
-    Source: paper, "Forces in three dimensions".
-    """
-
-    def __init__(self, operating_point: OperatingPoint, camera: Camera, press: Pointer) -> None:
-        self.operating_point, self.camera, self.press = operating_point, camera, press
-        self.depth = 0.0
-
-    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Place, int]:
-        """The point of the ray at the depth of the first Gaussian that it meets, and its number."""
-        pixel = (float(self.press[0]), float(self.press[1]))
-        hit = cast_ray(
-            self.operating_point.autoencoder,
-            self.operating_point.chart,
-            torch.from_numpy(q),
-            make_view([self.camera]),
-            pixel,
-            size=(self.camera.height, self.camera.width),
-        )
-        self.depth = hit.depth
-        x, y, z = (self.camera.position + hit.depth * self.camera.ray(pixel)).tolist()
-        return (x, y, z), hit.gaussian
-
-    def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "3"]:
-        """The vector from the press to the pointer in the plane of the drag; zero before `find_target`."""
-        right, down = self.depth * (pointer - self.press) / np.array(self.camera.focal)
-        return right * self.camera.rotation[0] + down * self.camera.rotation[1]
+Canvas = ImageCanvas | CameraCanvas
 
 
 def to_pixel(camera: Camera, place: object) -> Pointer:

@@ -1,8 +1,9 @@
 """The control panel and the plots. A control submits a command to the loop and never calls the session."""
 
+import itertools
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from lagsplat.viewer.server.scene import SceneView
+from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -25,30 +26,22 @@ THEME: Any = {
 }
 
 
-@dataclass(frozen=True)
-class SessionActions:
-    """What the buttons of the tab Record do; each returns a line to show."""
-
-    save: Callable[[], str]
-    replay: Callable[[], str]
-
-
 class ControlPanel:
-    """The controls, the banner and the plots of a server."""
+    """The controls, the banner and the plots of a server; ``save`` and ``replay`` return a line to show."""
 
     def __init__(
         self,
         server: viser.ViserServer,
-        session: Session,
         loop: RealtimeLoop,
         scene_view: SceneView,
-        actions: SessionActions,
         *,
         title: str,
+        save: Callable[[], str],
+        replay: Callable[[], str],
     ) -> None:
-        self.server, self.loop, self.scene_view, self.actions = server, loop, scene_view, actions
+        self.server, self.loop, self.scene_view = server, loop, scene_view
         self.refreshed_s, self.banner_text, self.shows_latency = 0.0, "", False
-        gui = server.gui
+        gui, session = server.gui, loop.session
         gui.set_panel_label(title)
         gui.configure_theme(dark_mode=True, **THEME)
         gui.main_panel.dock_right()
@@ -65,7 +58,7 @@ class ControlPanel:
         with tabs.add_tab("View"):
             self._add_view_controls(gui)
         with tabs.add_tab("Record"):
-            self._add_record_controls(gui)
+            self._add_record_controls(gui, save, replay)
         self.plots = HistoryPlots(gui, d=len(session.q), span_s=session.config.history_s)
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
@@ -95,72 +88,78 @@ class ControlPanel:
             line += f" · {self.loop.clock.dropped_steps} steps late"
         self.status.content = f"<sub>{line}</sub>"
 
+    def _add_slider(
+        self,
+        label: str,
+        bounds: tuple[float, float, float] | tuple[int, int, int],
+        value: float | int,
+        act: Callable[[Session, float], None],
+        *,
+        hint: str | None = None,
+    ) -> viser.GuiSliderHandle[float]:
+        """Add a slider with these bounds and step; ``act`` gets the session and the value."""
+        low, high, step = bounds
+        gui = self.server.gui
+        slider = gui.add_slider(label, min=low, max=high, step=step, initial_value=value, hint=hint)
+
+        @slider.on_update
+        def _(_: object) -> None:
+            chosen = clip_value(slider.value, low, high)
+            self.loop.submit(lambda s: act(s, chosen))
+
+        return slider
+
+    def _add_checkbox(
+        self, label: str, act: Callable[[bool], None], *, on: bool = False
+    ) -> viser.GuiCheckboxHandle:
+        box = self.server.gui.add_checkbox(label, initial_value=on)
+
+        @box.on_update
+        def _(_: object) -> None:
+            act(bool(box.value))
+
+        return box
+
     def _add_time_controls(self, gui: viser.GuiApi, session: Session) -> None:
-        buttons = gui.add_button_group("Time", ("Pause", "Run", "Step", "Rest"))
-        speed = gui.add_slider("Speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
-        frame = gui.add_slider(
-            "Frame", min=0, max=max(1, session.recorded.n_frames - 1), step=1, initial_value=0
-        )
+        acts: dict[str, Callable[[Session], None]] = {
+            "Pause": lambda s: s.pause(True),
+            "Run": lambda s: s.pause(False),
+            "Step": pause_and_step,
+            "Rest": lambda s: s.to_rest(),
+        }
+        buttons = gui.add_button_group("Time", tuple(acts))
 
         @buttons.on_click
         def _(_: object) -> None:
-            acts: dict[str, Callable[[Session], None]] = {
-                "Pause": lambda s: s.pause(True),
-                "Run": lambda s: s.pause(False),
-                "Step": pause_and_step,
-                "Rest": lambda s: s.to_rest(),
-            }
             if buttons.value in acts:
                 self.loop.submit(acts[buttons.value])
 
-        @speed.on_update
-        def _(_: object) -> None:
-            value = clip_value(speed.value, 0.1, 4.0)
-            self.loop.submit(lambda s: setattr(self.loop.clock, "speed", value))
+        def set_speed(_: Session, value: float) -> None:
+            self.loop.clock.speed = value
 
-        @frame.on_update
-        def _(_: object) -> None:
-            chosen = int(clip_value(frame.value, 0, session.recorded.n_frames - 1))
-            self.loop.submit(lambda s: s.to_frame(chosen))
+        last = session.recorded.n_frames - 1
+        self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, set_speed)
+        self._add_slider("Frame", (0, max(1, last), 1), 0, lambda s, value: s.to_frame(min(int(value), last)))
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
-        strength = gui.add_slider(
-            "Force scale",
-            min=-1.0,
-            max=1.0,
-            step=0.05,
-            initial_value=0.0,
-            hint="Power of ten: 0 as chosen, 1 ten times as strong",
-        )
+        def set_strength(s: Session, value: float) -> None:
+            s.strength = 10.0**value
+
+        def set_radius(s: Session, value: float) -> None:
+            s.grasp_model.radius_px = width * value
+
         width = session.operating_point.kinematics.width
-        radius = gui.add_slider(
-            "Brush",
-            min=0.005,
-            max=WIDEST,
-            step=0.005,
-            initial_value=round(session.grasp_model.radius_px / width, 3),
-            hint="Radius of the grasped matter, as a share of the image's width",
-        )
+        hint = "Power of ten: 0 as chosen, 1 ten times as strong"
+        self._add_slider("Force scale", (-1.0, 1.0, 0.05), 0.0, set_strength, hint=hint)
+        radius = round(session.grasp_model.radius_px / width, 3)
+        hint = "Radius of the grasped matter, as a share of the image's width"
+        self._add_slider("Brush", (0.005, WIDEST, 0.005), radius, set_radius, hint=hint)
         with gui.add_folder("Calibrate from one poke", expand_by_default=False):
             force = gui.add_number("True force", initial_value=1.0, min=1e-6, hint="in newtons, say")
-            moved = gui.add_number(
-                "It moved [px]",
-                initial_value=5.0,
-                min=1e-3,
-                hint="along the push, in pixels of the training resolution; in space, in pixels at the pivot",
-            )
+            hint = "along the push, in pixels of the training resolution; in space, in pixels at the pivot"
+            moved = gui.add_number("It moved [px]", initial_value=5.0, min=1e-3, hint=hint)
             go = gui.add_button("Use my last push")
             scale = gui.add_markdown("kappa is not set: forces are in the law's own unit.")
-
-        @strength.on_update
-        def _(_: object) -> None:
-            value = 10.0 ** clip_value(strength.value, -1.0, 1.0)
-            self.loop.submit(lambda s: setattr(s, "strength", value))
-
-        @radius.on_update
-        def _(_: object) -> None:
-            value = width * clip_value(radius.value, 0.005, WIDEST)
-            self.loop.submit(lambda s: setattr(s.grasp_model, "radius_px", value))
 
         @go.on_click
         def _(_: object) -> None:
@@ -173,31 +172,22 @@ class ControlPanel:
             self.loop.submit(calibrate)
 
     def _add_mechanics_controls(self, gui: viser.GuiApi) -> None:
-        bounds = {"damping": (0.0, 5.0), "inertia": (0.2, 5.0), "stiffness": (0.2, 5.0)}
-        sliders = {
-            name: gui.add_slider(name.capitalize(), min=low, max=high, step=0.05, initial_value=1.0)
-            for name, (low, high) in bounds.items()
-        }
+        sliders = [
+            self._add_slider("Damping", (0.0, 5.0, 0.05), 1.0, lambda s, value: s.edit(damping=value)),
+            self._add_slider("Inertia", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(inertia=value)),
+            self._add_slider("Stiffness", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(stiffness=value)),
+        ]
         restore = gui.add_button("As learned")
-
-        def listen(name: str) -> None:
-            @sliders[name].on_update
-            def _(_: object) -> None:
-                value = clip_value(sliders[name].value, *bounds[name])
-                self.loop.submit(lambda s: s.edit(**{name: value}))
-
-        for name in bounds:
-            listen(name)
 
         @restore.on_click
         def _(_: object) -> None:
-            for slider in sliders.values():
+            for slider in sliders:
                 slider.value = 1.0  # type: ignore[misc]
             self.loop.submit(lambda s: s.edit(damping=1.0, inertia=1.0, stiffness=1.0))
 
     def _add_input_controls(self, gui: viser.GuiApi, session: Session) -> None:
         recorded = session.recorded
-        follow = gui.add_checkbox("As recorded", initial_value=False)
+        follow = self._add_checkbox("As recorded", lambda on: self.loop.submit(lambda s: s.follow(on)))
         low, high = recorded.u.min(0), recorded.u.max(0)
         sliders = [
             gui.add_slider(
@@ -210,53 +200,39 @@ class ControlPanel:
             for i, (name, unit) in enumerate(zip(recorded.names, recorded.units, strict=True))
         ]
 
-        @follow.on_update
-        def _(_: object) -> None:
-            on = bool(follow.value)
-            self.loop.submit(lambda s: s.follow(on))
-
-        def hold(_: object) -> None:
-            held = zip(sliders, low, high, strict=True)
-            u = np.array([clip_value(slider.value, a, b) for slider, a, b in held])
+        def set_inputs(_: object) -> None:
+            u = np.array(
+                [clip_value(slider.value, a, b) for slider, a, b in zip(sliders, low, high, strict=True)]
+            )
             self.loop.submit(lambda s: s.set_inputs(u))
             follow.value = False  # type: ignore[misc]
 
         for slider in sliders:
-            slider.on_update(hold)
+            slider.on_update(set_inputs)
 
     def _add_view_controls(self, gui: viser.GuiApi) -> None:
-        names = {"Outline at rest": "outline", "Velocity field": "velocity"}
-        names["Recorded frame beside"] = "recorded"
-        if self.scene_view.residual is not None:
-            names["Residual of the diagnosis"] = "residual"
-        boxes = {key: gui.add_checkbox(label, initial_value=False) for label, key in names.items()}
-        measure = gui.add_checkbox("Measure drag to frame", initial_value=False)
-        dark = gui.add_checkbox("Dark", initial_value=True)
+        for key, label in OVERLAYS.items():
+            if key != "residual" or self.scene_view.residual is not None:
+                self._add_checkbox(label, partial(self._show, key))
+
+        def measure(on: bool) -> None:
+            self.shows_latency = on
+
+        self._add_checkbox("Measure drag to frame", measure)
+        self._add_checkbox("Dark", lambda on: gui.configure_theme(dark_mode=on, **THEME), on=True)
         front = gui.add_button(self.scene_view.canvas.reset_view_label)
-
-        def listen(key: str) -> None:
-            @boxes[key].on_update
-            def _(_: object) -> None:
-                on = bool(boxes[key].value)
-                self.loop.submit(lambda s: setattr(self.scene_view.options, key, on))
-
-        for key in boxes:
-            listen(key)
-
-        @measure.on_update
-        def _(_: object) -> None:
-            self.shows_latency = bool(measure.value)
-
-        @dark.on_update
-        def _(_: object) -> None:
-            gui.configure_theme(dark_mode=bool(dark.value), **THEME)
 
         @front.on_click
         def _(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 self.scene_view.canvas.reset_view(event.client)
 
-    def _add_record_controls(self, gui: viser.GuiApi) -> None:
+    def _show(self, overlay: str, on: bool) -> None:
+        self.loop.submit(lambda s: self.scene_view.shown.update({overlay: on}))
+
+    def _add_record_controls(
+        self, gui: viser.GuiApi, save: Callable[[], str], replay: Callable[[], str]
+    ) -> None:
         message = gui.add_markdown("The last minutes are kept; save them as MCAP, MP4 and GIF.")
 
         def offer(label: str, act: Callable[[], str]) -> None:
@@ -270,8 +246,8 @@ class ControlPanel:
                 except (ValueError, OSError) as error:
                     message.content = f"**{error}**"
 
-        offer("Save the session", self.actions.save)
-        offer("Replay what I did", self.actions.replay)
+        offer("Save the session", save)
+        offer("Replay what I did", replay)
 
 
 def pause_and_step(session: Session) -> None:
@@ -296,10 +272,11 @@ class HistoryPlots:
     def __init__(self, gui: viser.GuiApi, *, d: int, span_s: float) -> None:
         self.span_s = span_s
         self.rows: deque[list[float]] = deque(maxlen=PLOT_POINTS)
-        self.state = _add_plot(gui, "State q (whitened)", [f"q{i}" for i in range(d)])
-        self.energy = _add_plot(gui, "Energy (law's unit)", ["kinetic", "potential", "total"])
-        self.balance = _add_plot(gui, "Energy balance", ["hand", "inputs", "dissipated", "unexplained"])
-        self.d = d
+        self.plots = [
+            (_add_plot(gui, "State q (whitened)", [f"q{i}" for i in range(d)]), d),
+            (_add_plot(gui, "Energy (law's unit)", ["kinetic", "potential", "total"]), 3),
+            (_add_plot(gui, "Energy balance", ["hand", "inputs", "dissipated", "unexplained"]), 4),
+        ]
 
     def add(self, snapshot: Snapshot) -> None:
         """Add a snapshot unless it is close in time to the latest; clear the plots if time went back."""
@@ -317,33 +294,22 @@ class HistoryPlots:
         """Send the collected rows to the browser."""
         if len(self.rows) < 2:
             return
-        table = np.array(self.rows)
-        time_s, columns = table[:, 0], table[:, 1:].T
-        d = self.d
-        for chart, part in (
-            (self.state, columns[:d]),
-            (self.energy, columns[d : d + 3]),
-            (self.balance, columns[d + 3 :]),
-        ):
-            chart.data = (time_s, *(np.ascontiguousarray(row) for row in part))
+        time_s, *columns = np.array(self.rows).T.copy()
+        for plot, count in self.plots:
+            plot.data = (time_s, *columns[:count])
+            del columns[:count]
 
 
 def _add_plot(gui: viser.GuiApi, title: str, names: list[str]) -> viser.GuiUplotHandle:
-    series = (
-        uplot.Series(label="t [s]"),
-        *(
-            uplot.Series(label=name, stroke=COLORS[i % len(COLORS)], width=1.6)
-            for i, name in enumerate(names)
-        ),
-    )
-    empty = np.zeros(2)
-    axes = (uplot.Axis(size=28, stroke="#8a8f98"), uplot.Axis(size=46, stroke="#8a8f98"))
+    colors = itertools.cycle(COLORS)
+    lines = [uplot.Series(label=name, stroke=next(colors), width=1.6) for name in names]
+    axes = [uplot.Axis(size=size, stroke="#8a8f98") for size in (28, 46)]
     return gui.add_uplot(
-        (np.array([0.0, 1.0]), *(empty for _ in names)),
-        series,
+        (np.array([0.0, 1.0]), *(np.zeros(2) for _ in names)),
+        (uplot.Series(label="t [s]"), *lines),
         title=title,
         height=PLOT_HEIGHT_PX,
         scales={"x": uplot.Scale(time=False)},
-        axes=axes,
+        axes=tuple(axes),
         legend=uplot.Legend(show=True),
     )

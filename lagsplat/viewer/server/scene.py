@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import viser
@@ -12,7 +12,7 @@ from jaxtyping import Float64, UInt8
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
 from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
-from lagsplat.viewer.server.canvas import QUALITY, UPRIGHT, CameraCanvas, Canvas, ImageCanvas
+from lagsplat.viewer.server.canvas import CameraCanvas, Canvas, ImageCanvas, add_image
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 FORCE, BRUSH, FIELD, RESIDUAL = (240, 84, 0), (255, 255, 255), (120, 230, 150), (240, 90, 200)
@@ -23,18 +23,17 @@ GAP = 1.06  # distance of the recorded frame from the image, in widths of the im
 EMPTY = np.zeros((1, 2, 3))
 
 
-@dataclass
-class DisplayOptions:
-    """Which overlays are shown."""
-
-    outline: bool = False
-    velocity: bool = False
-    residual: bool = False
-    recorded: bool = False
+OVERLAYS = {
+    "outline": "Outline at rest",
+    "velocity": "Velocity field",
+    "recorded": "Recorded frame beside",
+    "residual": "Residual of the diagnosis",
+}
+"""What can be shown besides the object, with its label."""
 
 
 class SceneView:
-    """The nodes of a viser scene, updated with the snapshots of a session."""
+    """The nodes of a viser scene, updated with the snapshots of a session; ``shown`` names overlays."""
 
     def __init__(
         self,
@@ -47,44 +46,25 @@ class SceneView:
     ) -> None:
         operating_point, recorded = session.operating_point, session.recorded
         self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual
-        self.grasp_model, self.options, self.field = (
-            session.grasp_model,
-            DisplayOptions(),
-            AccelerationField(operating_point),
-        )
+        self.grasp_model, self.field = session.grasp_model, AccelerationField(operating_point)
+        self.shown = dict.fromkeys(OVERLAYS, False)
         swing = np.abs(recorded.v).max(0) if recorded.n_frames else np.ones(operating_point.law.d)
-        self.fastest = float(np.linalg.norm(self.field.along(swing), axis=1).max(initial=1e-12))
+        self.fastest = self.field.largest(swing)
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.measured_s: float | None = None
         scene, (width, height) = server.scene, canvas.size
         scene.set_up_direction("+y")
         scene.world_axes.visible = False
         blank = np.zeros((operating_point.kinematics.height, operating_point.kinematics.width, 3), np.uint8)
-        self.recorded_image = scene.add_image(
-            "/real",
-            blank,
-            width,
-            height,
-            format="jpeg",
-            jpeg_quality=QUALITY,
-            cast_shadow=False,
-            receive_shadow=False,
-            visible=False,
-            position=(GAP * width, 0.0, 0.0),
-            wxyz=UPRIGHT,
-        )
+        self.recorded_image = add_image(scene, "/real", blank, canvas.size, left=GAP * width)
+        self.recorded_image.visible = False
         self.recorded_label = scene.add_label(
             "/real/name", "recorded", position=(0.0, 0.54 * height, 0.0), anchor="top-center", visible=False
         )
         self.arrow = scene.add_arrows(
-            "/force",
-            EMPTY.astype(np.float32),
-            FORCE,
-            shaft_radius=0.035,
-            head_radius=0.091,
-            head_length=0.175,
-            visible=False,
+            "/force", EMPTY.astype(np.float32), FORCE, shaft_radius=0.035, visible=False
         )
+        self.arrow.head_radius, self.arrow.head_length = 0.091, 0.175
         # lines have no heads, which would stay visible where nothing moves
         self.velocity = draw_lines(scene, "/velocity", EMPTY, FIELD, thick=0.02)
         self.residual_lines = draw_lines(scene, "/residual", EMPTY, RESIDUAL, thick=0.024)
@@ -92,8 +72,8 @@ class SceneView:
 
     def draw(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for every visitor."""
-        self.canvas.show_rest(self.options.outline)
-        painted = self.canvas.paint(snapshot.q)
+        self.canvas.show_rest(self.shown["outline"])
+        painted: Any = self.canvas.paint(snapshot.q)
         with self.server.atomic():
             self.canvas.send(painted)
             self._draw_grasp(snapshot)
@@ -114,20 +94,18 @@ class SceneView:
         self.arrow.points = self.canvas.to_scene(np.stack([place, tip])[None], layer=2).astype(np.float32)
 
     def _draw_overlays(self, snapshot: Snapshot) -> None:
-        options = self.options
-        self.velocity.visible = options.velocity
-        self.recorded_image.visible = self.recorded_label.visible = (
-            options.recorded and snapshot.frame is not None
-        )
-        self.residual_lines.visible = options.residual and self.residual is not None
+        frame = snapshot.frame if self.shown["recorded"] else None
+        residual = self.residual if self.shown["residual"] else None
+        self.velocity.visible = self.shown["velocity"]
+        self.recorded_image.visible = self.recorded_label.visible = frame is not None
+        self.residual_lines.visible = residual is not None
         if self.velocity.visible:
             self.velocity.points = self._arrows(snapshot.q, snapshot.v, self.fastest)
-        if self.residual_lines.visible and self.residual is not None:
-            rate = self.residual(snapshot)
-            largest = float(np.linalg.norm(self.field.along(rate), axis=1).max(initial=1e-12))
-            self.residual_lines.points = self._arrows(snapshot.q, rate, largest)
-        if self.recorded_image.visible and snapshot.frame is not None:
-            self.recorded_image.image = self.read_frame(snapshot.frame)
+        if residual is not None:
+            rate = residual(snapshot)
+            self.residual_lines.points = self._arrows(snapshot.q, rate, self.field.largest(rate))
+        if frame is not None:
+            self.recorded_image.image = self.read_frame(frame)
 
     def _arrows(self, q: np.ndarray, rate: np.ndarray, largest: float) -> np.ndarray:
         arrows = self.field.arrows(q, rate, largest=largest)

@@ -8,18 +8,16 @@ import time
 import webbrowser
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import viser
 from jaxtyping import Float64, UInt8
 
-from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
 from lagsplat.viewer.server.canvas import Drag, Pointer
-from lagsplat.viewer.server.controls import ControlPanel, SessionActions
+from lagsplat.viewer.server.controls import ControlPanel
 from lagsplat.viewer.server.scene import SceneView, open_canvas
 from lagsplat.viewer.server.session_export import export_session
 from lagsplat.viewer.simulation.history import SessionHistory
@@ -30,33 +28,30 @@ PATIENCE_S = 20.0  # longest wait for the history of the session [s]
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class ViewerContent:
-    """What a server shows: a session, its title and recorded images; sessions are saved in ``folder``.
-
-    ``residual`` is the acceleration of the state that a diagnosis found missing, or None.
-    """
-
-    session: Session
-    title: str
-    read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]]
-    folder: Path
-    residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None
-
-
 class ViewerServer:
-    """Serves the live view of a session until `stop`.
+    """Serves the live view of a session until `stop`; sessions are saved in ``folder``.
+
+    ``read_frame`` reads a recorded frame. ``residual`` is the acceleration of the state that a diagnosis
+    found missing, or None.
 
     Raises:
         OSError: no port is free from ``viewer.port`` on, or the address is not this machine's.
     """
 
-    def __init__(self, content: ViewerContent, config: ViewerConfig) -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        title: str,
+        read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
+        folder: Path,
+        residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None,
+    ) -> None:
+        config, operating_point = session.config, session.operating_point
         if text := warn_of_open_host(config.host):
             log.warning(text)
         _require_address(config.host)
-        session, operating_point = content.session, content.session.operating_point
-        self.content, self.config = content, config
+        self.session, self.title, self.folder = session, title, folder
         training_side = max(operating_point.kinematics.height, operating_point.kinematics.width)
         self.renderer, self.small_renderer = (
             open_renderer(operating_point.autoencoder, operating_point.chart, side=side)
@@ -65,15 +60,12 @@ class ViewerServer:
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
         restrict_access(self.server, loopback_only=warn_of_open_host(config.host) is None)
         canvas = open_canvas(self.server, operating_point, side=config.side, window=config.window)
-        self.scene_view = SceneView(
-            self.server, session, canvas, read_frame=content.read_frame, residual=content.residual
-        )
+        self.scene_view = SceneView(self.server, session, canvas, read_frame=read_frame, residual=residual)
         self.loop = RealtimeLoop(
             session, self._draw, pictures_hz=config.pictures_hz, report_error=self._refuse
         )
-        actions = SessionActions(self._save, self._replay)
         self.panel = ControlPanel(
-            self.server, session, self.loop, self.scene_view, actions, title=content.title
+            self.server, self.loop, self.scene_view, title=title, save=self._save, replay=self._replay
         )
         self.holder_id: int | None = None
         self.drag: Drag | None = None
@@ -85,7 +77,8 @@ class ViewerServer:
     @property
     def url(self) -> str:
         """Address of the page."""
-        host = "localhost" if self.config.host in ("0.0.0.0", "::") else self.config.host
+        host = self.session.config.host
+        host = "localhost" if host in ("0.0.0.0", "::") else host
         return f"http://{host}:{self.server.get_port()}"
 
     def open_browser(self) -> None:
@@ -154,21 +147,17 @@ class ViewerServer:
         return f"Replaying {history.time_s[-1]:.1f} s."
 
     def _save(self) -> str:
-        history, session = self._read_history(), self.content.session
+        history, session = self._read_history(), self.session
         with self.saving:
             number = 1
-            while (stem := self.content.folder / f"session_{number:03d}").with_suffix(".mcap").exists():
+            while (stem := self.folder / f"session_{number:03d}").with_suffix(".mcap").exists():
                 number += 1
-            meta = {
-                "title": self.content.title,
-                "inputs": list(session.recorded.names),
-                "kappa": session.kappa,
-            }
-            gain = session.grasp_model.gain
+            inputs, gain = list(session.recorded.names), session.grasp_model.gain
+            meta = {"title": self.title, "inputs": inputs, "kappa": session.kappa}
             paths = export_session(
                 stem, history, self.renderer, meta, gain=gain, small_renderer=self.small_renderer
             )
-        return "Saved " + ", ".join(path.name for path in paths) + f" in {self.content.folder}"
+        return "Saved " + ", ".join(path.name for path in paths) + f" in {self.folder}"
 
 
 def _require_address(host: str) -> None:
@@ -178,6 +167,4 @@ def _require_address(host: str) -> None:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
             probe.bind(address)
     except OSError as error:
-        raise OSError(
-            f"viewer.host={host}: {error}; give an address of this machine, or 127.0.0.1"
-        ) from error
+        raise OSError(f"viewer.host={host}: {error}; give an address of this machine: 127.0.0.1") from error

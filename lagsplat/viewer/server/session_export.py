@@ -13,6 +13,7 @@ from lagsplat.io.video.read import save_gif, save_mp4
 from lagsplat.viewer.rendering.renderer import FrameRenderer
 from lagsplat.viewer.simulation.history import SessionHistory
 
+COLUMNS = ("q", "v", "u", "load", "force", "place", "edits", "energy")
 VIDEO_HZ, GIF_HZ = 30.0, 15.0
 GIF_S = 12.0  # length of the animation [s]: the end of the session
 ARROW = (255, 122, 26)
@@ -22,31 +23,19 @@ FRACTION_BITS = 4  # of a position in OpenCV, so that an arrow moves smoothly
 def history_to_log(history: SessionHistory, meta: dict[str, Any], *, center: tuple[float, ...]) -> SessionLog:
     """Convert a history to columns without NaN: where nothing is grasped, the place is ``center``."""
     grasped = np.isfinite(history.place).all(1)
-    columns = {
-        "q": history.q,
-        "v": history.v,
-        "u": history.u,
-        "load": history.load,
-        "force": history.force,
-        "place": np.where(grasped[:, None], history.place, center),
-        "edits": history.edits,
-        "energy": history.energy,
-        "clip": history.clip[:, None].astype(np.float64),
-    }
+    columns = {name: getattr(history, name) for name in COLUMNS}
+    columns["place"] = np.where(grasped[:, None], history.place, center)
+    columns["clip"] = history.clip[:, None].astype(np.float64)
     return SessionLog(history.dt_s, columns, meta)
 
 
-def log_to_history(log: SessionLog) -> SessionHistory:
-    """Convert the columns of a log to a history that can be replayed."""
+def load_history(path: Path) -> SessionHistory:
+    """Read the history of a session, which can be replayed, from its MCAP file."""
+    log = read_session(path)
     columns = dict(log.columns)
     grasped = np.any(columns["force"] != 0.0, axis=1)
     columns["place"] = np.where(grasped[:, None], columns["place"], np.nan)
     return SessionHistory(log.dt_s, columns.pop("clip")[:, 0].astype(np.int64), **columns)
-
-
-def load_history(path: Path) -> SessionHistory:
-    """Read the history of a session from its MCAP file."""
-    return log_to_history(read_session(path))
 
 
 def export_session(

@@ -1,6 +1,6 @@
 """The grasp of a user: the force of a drag on the grasped matter, and the energy balance."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,20 +15,29 @@ Vector = Float64[np.ndarray, " d"]
 
 
 @dataclass(frozen=True)
-class EnergyTerms:
+class EnergyBalance:
     """Energy now, and the energy that flowed since the last reset, in the law's own unit.
 
     ``hand_work``, ``input_work`` and ``edit_work`` flowed in, ``dissipated`` flowed out, ``initial`` is the
-    energy at the reset.
+    energy at the reset. The force of the hand is constant within a step, so its work is exact. Dissipation
+    and the work of the inputs use the trapezoidal rule, which has the order of the integrator.
+
+    Source: paper, Appendix, the energy balance.
     """
 
     kinetic: float
     potential: float
-    hand_work: float
-    input_work: float
-    edit_work: float
-    dissipated: float
     initial: float
+    hand_work: float = 0.0
+    input_work: float = 0.0
+    edit_work: float = 0.0
+    dissipated: float = 0.0
+
+    @classmethod
+    def begin(cls, law: FastLagrangian, q: Vector, v: Vector) -> "EnergyBalance":
+        """A new balance at the state ``q`` with the velocity ``v`` [1/s]."""
+        kinetic, potential = float(law.kinetic(q, v)), float(law.potential(q))
+        return cls(kinetic, potential, initial=kinetic + potential)
 
     @property
     def total(self) -> float:
@@ -40,32 +49,12 @@ class EnergyTerms:
         """The energy that the integrator created or lost."""
         return self.total - self.initial - self.hand_work - self.input_work - self.edit_work + self.dissipated
 
+    def after_edit(self, law: FastLagrangian, q: Vector, v: Vector) -> "EnergyBalance":
+        """The balance under an edited law: the jump of the energy is work from outside."""
+        after = self._at(law, q, v)
+        return replace(after, edit_work=self.edit_work + (after.kinetic + after.potential - self.total))
 
-class EnergyBalance:
-    """The energy balance of a motion, updated step by step.
-
-    The force of the hand is constant within a step, so its work is exact. Dissipation and the work of the
-    inputs use the trapezoidal rule, which has the order of the integrator.
-
-    Source: paper, Appendix, the energy balance.
-    """
-
-    def __init__(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        self.reset(law, q, v)
-
-    def reset(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        """Start a new balance at the state ``q`` with the velocity ``v`` [1/s]."""
-        self.hand_work = self.input_work = self.edit_work = self.dissipated = 0.0
-        self._evaluate(law, q, v)
-        self.initial = self.kinetic + self.potential
-
-    def record_edit(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        """Count the jump of the energy when the law is edited as work from outside."""
-        before = self.kinetic + self.potential
-        self._evaluate(law, q, v)
-        self.edit_work += self.kinetic + self.potential - before
-
-    def record_step(
+    def after_step(
         self,
         law: FastLagrangian,
         before: tuple[Vector, Vector],
@@ -74,26 +63,26 @@ class EnergyBalance:
         load: Vector,
         *,
         dt_s: float,
-    ) -> None:
-        """Add one step to the balance."""
+    ) -> "EnergyBalance":
+        """The balance one step later."""
         displacement = after[0] - before[0]
-        self.hand_work += float(load @ displacement)
+        input_work = self.input_work
         if len(u):
             zero = np.zeros_like(u)
             start, end = (
                 law.conservative_force(q, u) - law.conservative_force(q, zero) for q, _ in (before, after)
             )
-            self.input_work += float(0.5 * (start + end) @ displacement)
+            input_work += float(0.5 * (start + end) @ displacement)
         power = [float(law.dissipated_power(q, v)) for q, v in (before, after)]
-        self.dissipated += 0.5 * dt_s * (power[0] + power[1])
-        self._evaluate(law, *after)
+        return replace(
+            self._at(law, *after),
+            hand_work=self.hand_work + float(load @ displacement),
+            input_work=input_work,
+            dissipated=self.dissipated + 0.5 * dt_s * (power[0] + power[1]),
+        )
 
-    def terms(self) -> EnergyTerms:
-        """The balance as it is now."""
-        return EnergyTerms(**{field.name: getattr(self, field.name) for field in fields(EnergyTerms)})
-
-    def _evaluate(self, law: FastLagrangian, q: Vector, v: Vector) -> None:
-        self.kinetic, self.potential = float(law.kinetic(q, v)), float(law.potential(q))
+    def _at(self, law: FastLagrangian, q: Vector, v: Vector) -> "EnergyBalance":
+        return replace(self, kinetic=float(law.kinetic(q, v)), potential=float(law.potential(q)))
 
 
 OBJECT = 0.5
@@ -131,31 +120,23 @@ class GraspModel:
 
     The ``gain`` [energy per px^2] is chosen from the stiffness at rest: a drag of ``drag_px`` on the object
     moves the state by the share ``response`` of the visited radius.
-
-    Args:
-        operating_point: the run at rest.
-        radius_px: radius of the brush [px].
-        drag_px: the drag that produces ``response`` [px].
-        response: share of the visited radius.
     """
 
     def __init__(
         self, operating_point: OperatingPoint, *, radius_px: float, drag_px: float, response: float
     ) -> None:
-        self.kinematics, self.radius_px = operating_point.kinematics, radius_px
-        present = operating_point.kinematics.presence(operating_point.rest[None])[0] > PRESENT
-        jacobian = operating_point.kinematics.geometry.jacobian
+        kinematics, rest = operating_point.kinematics, operating_point.rest[None]
+        self.kinematics, self.radius_px = kinematics, radius_px
+        present = kinematics.presence(rest)[0] > PRESENT
+        jacobian = kinematics.geometry.jacobian
         motion = jacobian.flatten(1).norm(dim=1)
         visible = motion[present] if bool(present.any()) else motion
         self.largest_motion = float(visible.quantile(LARGEST))
         # at least one must remain, even where all motions are equal or the decoder has few Gaussians
         chosen = jacobian[present & (motion >= OBJECT * self.largest_motion)]
         chosen = chosen if len(chosen) else jacobian[motion.argmax()][None]
-        values, vectors = torch.linalg.eigh(
-            compute_static_stiffness(
-                operating_point.law, operating_point.rest[None], operating_point.u[None]
-            )[0]
-        )
+        stiffness = compute_static_stiffness(operating_point.law, rest, operating_point.u[None])[0]
+        values, vectors = torch.linalg.eigh(stiffness)
         values = values.abs().clamp(min=WEAKEST * float(values.abs().max()))
         compliance = (vectors / values) @ vectors.T
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)

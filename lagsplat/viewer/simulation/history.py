@@ -55,8 +55,8 @@ class SessionHistory:
 class HistoryBuffer:
     """Ring buffer of the last ``rows`` steps, so that memory stays bounded."""
 
-    def __init__(self, *, d: int, n_u: int, space: int, dt_s: float, rows: int) -> None:
-        self.d, self.n_u, self.space, self.dt_s = d, n_u, space, dt_s
+    def __init__(self, *, dt_s: float, rows: int) -> None:
+        self.dt_s, self.widths = dt_s, [1]
         self.rows: deque[np.ndarray] = deque(maxlen=max(1, rows))
 
     def __len__(self) -> int:
@@ -64,6 +64,7 @@ class HistoryBuffer:
 
     def add(self, clip: int, *parts: np.ndarray) -> None:
         """Append a row: ``clip`` and the other columns of `SessionHistory` in their order."""
+        self.widths = [1, *(len(part) for part in parts)]
         self.rows.append(np.concatenate([[clip], *parts]))
 
     def read(self) -> SessionHistory:
@@ -75,8 +76,7 @@ class HistoryBuffer:
         if not self.rows:
             raise ValueError("nothing has been recorded yet: let the simulation run, push it, and save again")
         table = np.stack(list(self.rows))
-        widths = [1, self.d, self.d, self.n_u, self.d, self.space, self.space, 3, 5]
-        clip, *parts = np.split(table, np.cumsum(widths)[:-1], axis=1)
+        clip, *parts = np.split(table, np.cumsum(self.widths)[:-1], axis=1)
         return SessionHistory(self.dt_s, clip[:, 0].astype(np.int64), *(part.copy() for part in parts))
 
 
@@ -104,15 +104,10 @@ class RecordedData:
         start, stop = next((a, b) for a, b in self.segments if a <= frame < b)
         return frame + 1 if frame + 1 < stop else start
 
-    def check_frame(self, frame: int) -> int:
-        """Return ``frame`` if a clip contains it.
-
-        Raises:
-            ValueError: no clip contains it.
-        """
+    def require_frame(self, frame: int) -> None:
+        """Raise a ValueError unless a clip contains ``frame``."""
         if not any(a <= frame < b for a, b in self.segments):
             raise ValueError(f"frame {frame} is not in the recording of frames 0 to {self.n_frames - 1}")
-        return frame
 
 
 def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str, ...]) -> RecordedData:

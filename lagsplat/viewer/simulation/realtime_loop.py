@@ -3,6 +3,7 @@
 Everything else reaches the session as a command, which is executed between two steps.
 """
 
+import contextlib
 import logging
 import queue
 import threading
@@ -46,6 +47,7 @@ class StepClock:
 
 IDLE_S = 0.25  # longest wait for a command or a snapshot [s]
 RATE_S = 1.0  # window over which the rates are counted [s]
+LOGGED = 4096  # latest counts that are kept, more than come within that window
 log = logging.getLogger(__name__)
 Command = Callable[[Session], Any]
 
@@ -75,8 +77,8 @@ class RealtimeLoop:
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self.stopping = threading.Event()
         self.updated, self.latest = threading.Condition(), session.snapshot()
-        self.step_log: deque[tuple[float, int]] = deque()
-        self.frame_log: deque[float] = deque()
+        self.step_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
+        self.frame_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
         self.threads = [
             threading.Thread(target=self._run_dynamics, name="dynamics", daemon=True),
             threading.Thread(target=self._run_drawing, name="drawing", daemon=True),
@@ -102,9 +104,10 @@ class RealtimeLoop:
 
     def rates(self) -> tuple[float, float]:
         """Steps and frames of the last second."""
-        now = time.perf_counter()
-        steps = sum(count for at, count in list(self.step_log) if at > now - RATE_S)
-        return steps / RATE_S, sum(at > now - RATE_S for at in list(self.frame_log)) / RATE_S
+        since = time.perf_counter() - RATE_S
+        steps = sum(count for at, count in list(self.step_log) if at > since)
+        frames = sum(count for at, count in list(self.frame_log) if at > since)
+        return steps / RATE_S, frames / RATE_S
 
     def _run_dynamics(self) -> None:
         while not self.stopping.is_set():
@@ -116,8 +119,6 @@ class RealtimeLoop:
             self._step(due)
             if due:
                 self.step_log.append((now, due))
-                while self.step_log[0][0] < now - RATE_S:
-                    self.step_log.popleft()
             if due or changed:
                 with self.updated:
                     self.latest = self.session.snapshot()
@@ -133,22 +134,21 @@ class RealtimeLoop:
 
     def _run_commands(self, wait_s: float) -> bool:
         """Execute the queued commands after waiting for a first one; return whether there was any."""
+        timeout, ran = max(0.0, wait_s), False
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._run_command(self.commands.get(timeout=timeout))
+                timeout, ran = 0.0, True
+        return ran
+
+    def _run_command(self, command: Command) -> None:
         try:
-            command = self.commands.get(timeout=max(0.0, wait_s))
-        except queue.Empty:
-            return False
-        while True:
-            try:
-                command(self.session)
-            except ValueError as error:
-                self._report(str(error))
-            except Exception:  # a command of one visitor must not end the session of the others
-                log.exception("a command failed; the session goes on")
-                self._report("That failed inside; the session goes on. The server's log says why.")
-            try:
-                command = self.commands.get_nowait()
-            except queue.Empty:
-                return True
+            command(self.session)
+        except ValueError as error:
+            self._report(str(error))
+        except Exception:  # a command of one visitor must not end the session of the others
+            log.exception("a command failed; the session goes on")
+            self._report("That failed inside; the session goes on. The server's log says why.")
 
     def _report(self, refusal: str) -> None:
         try:
@@ -173,7 +173,5 @@ class RealtimeLoop:
             except Exception:  # a frame that fails must not end the simulation
                 log.exception("a frame failed; the session goes on")
             drawn_snapshot = snapshot
-            self.frame_log.append(began)
-            while self.frame_log[0] < began - RATE_S:
-                self.frame_log.popleft()
+            self.frame_log.append((began, 1))
             self.stopping.wait(max(0.0, self.period_s - (time.perf_counter() - began)))

@@ -16,7 +16,7 @@ from lagsplat.forces.grasp import Place, Point
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.stage2.lagrangian import UNTOUCHED, LawEdits
 from lagsplat.viewer.config import ViewerConfig
-from lagsplat.viewer.simulation.grasp import EnergyBalance, EnergyTerms, Grasp, GraspModel
+from lagsplat.viewer.simulation.grasp import EnergyBalance, Grasp, GraspModel
 from lagsplat.viewer.simulation.history import HistoryBuffer, RecordedData, SessionHistory, measure_coverage
 
 Status = Literal["running", "paused", "stopped"]
@@ -41,7 +41,7 @@ class Snapshot:
     u: Float64[np.ndarray, " n_u"]
     frame: int | None
     active_grasp: Grasp | None
-    energy: EnergyTerms
+    energy: EnergyBalance
     coverage_distance: float
     status: Status
     edits: LawEdits
@@ -67,26 +67,19 @@ class Session:
     ) -> None:
         self.operating_point, self.recorded = operating_point, recorded
         self.config, self.forces = config, forces
-        width = operating_point.kinematics.width
         self.dt_s = operating_point.chart.dt_s
+        radius_px, drag_px = (
+            share * operating_point.kinematics.width for share in (forces.brush, config.reach)
+        )
         self.grasp_model = GraspModel(
-            operating_point,
-            radius_px=forces.brush * width,
-            drag_px=config.reach * width,
-            response=forces.response,
+            operating_point, radius_px=radius_px, drag_px=drag_px, response=forces.response
         )
         self.coverage = measure_coverage(operating_point.chart, beyond=config.beyond)
         self.edits, self.law = UNTOUCHED, make_fast_lagrangian(operating_point.law)
         self.u = operating_point.u.numpy().copy()
         self.q, self.v = operating_point.rest.numpy().copy(), np.zeros(operating_point.law.d)
-        self.history = HistoryBuffer(
-            d=operating_point.law.d,
-            n_u=len(self.u),
-            space=operating_point.kinematics.space,
-            dt_s=self.dt_s,
-            rows=round(config.log_s / self.dt_s),
-        )
-        self.energy = EnergyBalance(self.law, self.q, self.v)
+        self.history = HistoryBuffer(dt_s=self.dt_s, rows=round(config.log_s / self.dt_s))
+        self.energy = EnergyBalance.begin(self.law, self.q, self.v)
         self.status: Status = "running"
         self.active_grasp: Grasp | None = None
         self.last_push: Grasp | None = None
@@ -122,9 +115,8 @@ class Session:
         if not np.isfinite(drag_px).all():
             raise ValueError(f"a drag of {drag_px.tolist()} px is not finite; nothing was pushed")
         if self.active_grasp is not None:
-            self.active_grasp = replace(
-                self.active_grasp, force=self.strength * self.grasp_model.gain * drag_px
-            )
+            force = self.strength * self.grasp_model.gain * drag_px
+            self.active_grasp = replace(self.active_grasp, force=force)
             self.last_push, self.requested_s = self.active_grasp, requested_s
 
     def release(self, *, requested_s: float | None = None) -> None:
@@ -166,14 +158,10 @@ class Session:
         Raises:
             NotSettledError: no equilibrium was found.
         """
-        rest = settle(
-            self.operating_point.law,
-            torch.from_numpy(self.u)[None],
-            torch.zeros(1, self.operating_point.law.d).double(),
-            edits=self.edits,
-            start=self.operating_point.rest,
-        )[0].numpy()
-        self._reset(rest, np.zeros(self.operating_point.law.d), None)
+        law, start = self.operating_point.law, self.operating_point.rest
+        u, load = torch.from_numpy(self.u)[None], torch.zeros(1, law.d).double()
+        rest = settle(law, u, load, edits=self.edits, start=start)[0].numpy()
+        self._reset(rest, np.zeros(law.d), None)
 
     def to_frame(self, frame: int) -> None:
         """Reset to the recorded state, velocity and inputs of a frame.
@@ -181,7 +169,7 @@ class Session:
         Raises:
             ValueError: the recording has no such frame.
         """
-        frame = self.recorded.check_frame(frame)
+        self.recorded.require_frame(frame)
         self.u = self.recorded.u[frame].copy()
         self._reset(self.recorded.q[frame].copy(), self.recorded.v[frame].copy(), frame)
 
@@ -235,14 +223,13 @@ class Session:
         with np.errstate(all="ignore"):
             q, v = self.law.step(self.q, self.v, self.u, load, dt_s=self.dt_s)
         away = float(np.linalg.norm(q - self.operating_point.rest.numpy()))
-        if not (
-            np.isfinite(v).all() and away <= self.config.divergence * self.operating_point.visited_radius
-        ):
+        farthest = self.config.divergence * self.operating_point.visited_radius
+        if not (np.isfinite(v).all() and away <= farthest):
             self.stop()
             return
         self.q, self.v = q, v
         self.steps += 1
-        self.energy.record_step(self.law, before, (q, v), self.u, load, dt_s=self.dt_s)
+        self.energy = self.energy.after_step(self.law, before, (q, v), self.u, load, dt_s=self.dt_s)
 
     def stop(self) -> None:
         """Stop stepping until the next reset."""
@@ -257,7 +244,7 @@ class Session:
             self.u,
             self.frame,
             self.active_grasp,
-            self.energy.terms(),
+            self.energy,
             self.coverage.distance(self.q),
             self.status,
             self.edits,
@@ -288,26 +275,19 @@ class Session:
     def _reset(self, q: np.ndarray, v: np.ndarray, frame: int | None) -> None:
         self.q, self.v, self.frame, self.active_grasp = q, v, frame, None
         self.clip += 1
-        self.energy.reset(self.law, q, v)
+        self.energy = EnergyBalance.begin(self.law, q, v)
         self.status = "running" if self.status == "stopped" else self.status
 
     def _apply_edits(self, edits: LawEdits) -> None:
         self.edits, self.law = edits, make_fast_lagrangian(self.operating_point.law, edits=edits)
-        self.energy.record_edit(self.law, self.q, self.v)
+        self.energy = self.energy.after_edit(self.law, self.q, self.v)
 
     def _record_row(self, load: Float64[np.ndarray, " d"]) -> None:
-        energy = self.energy.terms()
-        grasp = self.active_grasp
-        self.history.add(
-            self.clip,
-            self.q,
-            self.v,
-            self.u,
-            load,
-            np.zeros(self.history.space) if grasp is None else grasp.force,
-            np.full(self.history.space, np.nan) if grasp is None else grasp.place(self.q),
-            np.array([self.edits.damping, self.edits.inertia, self.edits.stiffness]),
-            np.array(
-                [energy.kinetic, energy.potential, energy.hand_work, energy.input_work, energy.dissipated]
-            ),
-        )
+        energy, edits, grasp = self.energy, self.edits, self.active_grasp
+        space = self.operating_point.kinematics.space
+        force = np.zeros(space) if grasp is None else grasp.force
+        place = np.full(space, np.nan) if grasp is None else grasp.place(self.q)
+        factors = np.array([edits.damping, edits.inertia, edits.stiffness])
+        flows = [energy.hand_work, energy.input_work, energy.dissipated]
+        energies = np.array([energy.kinetic, energy.potential, *flows])
+        self.history.add(self.clip, self.q, self.v, self.u, load, force, place, factors, energies)

@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import torch
 from jaxtyping import Float32
 from jinja2 import Template
 
+from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
 from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, SpdField
@@ -53,10 +55,8 @@ def save_page(path: Path, session: Session, *, title: str, subtitle: str) -> Non
     page = render_page(session, title=title, subtitle=subtitle)
     size = len(page.encode())
     if size > LARGEST_BYTES:
-        raise ValueError(
-            f"{path}: the page would have {size / 1e6:.1f} MB and at most {LARGEST_BYTES / 1e6:.0f} are "
-            "written; train fewer Gaussians for a page"
-        )
+        limit = f"{LARGEST_BYTES / 1e6:.0f} MB are the limit; train fewer Gaussians for a page"
+        raise ValueError(f"{path}: the page would have {size / 1e6:.1f} MB and {limit}")
     write_text(path, page)
 
 
@@ -103,22 +103,29 @@ def pack_page(session: Session) -> dict[str, Any]:
 def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
     """Pack the numbers of a law under the names that ``assets/law.js`` reads."""
     names = ("inner", "innerBias", "outer", "outerBias")
-    blocks = [dict(zip(names, (part.tolist() for part in block), strict=True)) for block in law.blocks]
+    arrays = {
+        "stiffness": law.stiffness,
+        "restImage": law.rest_image,
+        "restSlope": law.rest_slope,
+        "pressureMap": law.pressure_map,
+        "curvature": law.curvature,
+    }
     return {
         "unit": law.unit_s,
-        # JSON has no infinity
-        "longestStep": min(law.longest_step, 1e300),
+        "longestStep": min(law.longest_step, 1e300),  # JSON has no infinity
         "signed": law.signed,
-        "blocks": blocks,
-        "stiffness": law.stiffness.tolist(),
-        "restImage": law.rest_image.tolist(),
-        "restSlope": law.rest_slope.tolist(),
-        "pressureMap": law.pressure_map.tolist(),
-        "curvature": None if law.curvature is None else law.curvature.tolist(),
+        "blocks": [_pack_arrays(names, block) for block in law.blocks],
+        **_pack_arrays(arrays, arrays.values()),
         "convex": pack_convex_net(law.convex),
         "volume": pack_convex_net(law.volume),
         "mass": pack_spd_field(law.mass),
         "damping": pack_spd_field(law.damping),
+    }
+
+
+def _pack_arrays(names: Iterable[str], arrays: Iterable[np.ndarray | None]) -> dict[str, Any]:
+    return {
+        name: None if array is None else array.tolist() for name, array in zip(names, arrays, strict=True)
     }
 
 
@@ -147,31 +154,32 @@ def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
 
 
 def _splats(session: Session) -> dict[str, Any]:
-    kinematics = session.operating_point.kinematics
-    table = pack_gaussians(session)
+    operating_point, table = session.operating_point, pack_gaussians(session)
+    kinematics = operating_point.kinematics
     with torch.no_grad():
-        background = session.operating_point.autoencoder.gaussians.background().cpu().tolist()
+        background = operating_point.autoencoder.gaussians.background().cpu().tolist()
     return {
         "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
         "count": len(table),
         "d": kinematics.d,
         "space": kinematics.space,
-        "camera": None if kinematics.space == 2 else _camera(session),
+        "camera": None if kinematics.space == 2 else _camera(operating_point),
         "background": background,
         "height": kinematics.height,
         "width": kinematics.width,
     }
 
 
-def _camera(session: Session) -> dict[str, Any]:
+def _camera(operating_point: OperatingPoint) -> dict[str, Any]:
     """Pack the recording camera, the Gaussians that can be dragged and their median depth at rest."""
-    operating_point, moves = session.operating_point, select_moving(session.operating_point.kinematics)
-    visible = moves & (operating_point.kinematics.presence(operating_point.rest[None])[0].numpy() > PRESENT)
-    depth = operating_point.kinematics.places(operating_point.rest[None])[0, :, 2].numpy()
+    kinematics, rest = operating_point.kinematics, operating_point.rest[None]
+    moves = select_moving(kinematics)
+    visible = moves & (kinematics.presence(rest)[0].numpy() > PRESENT)
+    depth = kinematics.places(rest)[0, :, 2].numpy()[visible if visible.any() else moves]
     return {
         "lens": operating_point.autoencoder.lens,
         "moves": np.flatnonzero(moves).tolist(),
-        "depth": float(np.median(depth[visible if visible.any() else moves])),
+        "depth": float(np.median(depth)),
     }
 
 
@@ -196,8 +204,7 @@ def _recorded(recorded: RecordedData) -> dict[str, Any]:
 
 def _field(session: Session) -> dict[str, Any]:
     field = AccelerationField(session.operating_point)
-    swing = np.abs(session.recorded.v).max(0)
-    fastest = float(np.linalg.norm(field.along(swing), axis=1).max(initial=1e-12))
+    fastest = field.largest(np.abs(session.recorded.v).max(0))
     return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}
 
 
@@ -205,13 +212,13 @@ def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
     """Pack the weights of a convex network as lists; None for no network."""
     if net is None:
         return None
-    names = {"first": "first", "firstBias": "first_bias", "second": "second", "secondBias": "second_bias"}
-    names |= {"between": "between", "head": "head"}
-    return {name: getattr(net, attribute).tolist() for name, attribute in names.items()}
+    names = ("first", "firstBias", "second", "secondBias", "between", "head")
+    arrays = (net.first, net.first_bias, net.second, net.second_bias, net.between, net.head)
+    return _pack_arrays(names, arrays)
 
 
 def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:
     """Pack a mass or damping matrix as lists; ``net`` is None if it is constant."""
     names = ("first", "firstBias", "second", "secondBias", "third")
-    net = None if field.net is None else {n: w.tolist() for n, w in zip(names, field.net, strict=True)}
+    net = None if field.net is None else _pack_arrays(names, field.net)
     return {"lower": field.lower.tolist(), "floor": field.floor, "net": net}

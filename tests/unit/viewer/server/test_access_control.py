@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.viewer.server.access_control import is_foreign_origin, warn_of_open_host
-from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+from lagsplat.viewer.server.server import ViewerServer
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import turning
 from tests.unit.viewer.sessions import session
@@ -22,11 +22,9 @@ FLAT, SPACE = "/picture", "/matter"
 
 
 def opened(operating_point, folder):
-    settings = compose("system=toy", "viewer.port=0", "viewer.window=64")
+    one = session(operating_point, "viewer.port=0", "viewer.window=64")
     frame = np.zeros((24, 32, 3), np.uint8)
-    return ViewerServer(
-        ViewerContent(session(operating_point), "disc", lambda number: frame, folder), settings.viewer
-    )
+    return ViewerServer(one, title="disc", read_frame=lambda number: frame, folder=folder)
 
 
 @pytest.fixture(scope="module", params=[FLAT, SPACE], ids=["picture", "space"])
@@ -69,7 +67,7 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
     heard = threading.Event()
     live.loop.submit(lambda s: (s.to_rest(), heard.set()))
     assert heard.wait(10.0)
-    one, steps = live.content.session, live.content.session.steps
+    one, steps = live.session, live.session.steps
     live.loop.submit(lambda s: s.pause(False))
     time.sleep(0.3)
     assert one.steps > steps
@@ -78,10 +76,10 @@ def test_no_message_executes_anything_ends_the_session_or_moves_a_file(
     assert live.server._share_tunnel is None
     assert list(tmp_path.iterdir()) == []
     began = time.monotonic()
-    while list(live.content.folder.glob(".*")) and time.monotonic() - began < 20.0:
+    while list(live.folder.glob(".*")) and time.monotonic() - began < 20.0:
         time.sleep(0.05)  # a file is hidden until it is whole
-    assert {path.stem.rstrip("0123456789") for path in live.content.folder.glob("*.mcap")} <= {"session_"}
-    assert {path.suffix for path in live.content.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
+    assert {path.stem.rstrip("0123456789") for path in live.folder.glob("*.mcap")} <= {"session_"}
+    assert {path.suffix for path in live.folder.iterdir()} <= {".mcap", ".mp4", ".gif"}
 
 
 def test_a_drag_still_pushes_after_hostile_messages(live) -> None:
@@ -92,16 +90,16 @@ def test_a_drag_still_pushes_after_hostile_messages(live) -> None:
         time.sleep(0.3)
         send(client, *(dragged(phase, grab, tip) for phase in ("start", "update")))
         end = time.monotonic() + 10.0
-        while live.content.session.active_grasp is None and time.monotonic() < end:
+        while live.session.active_grasp is None and time.monotonic() < end:
             time.sleep(0.02)
-        np.testing.assert_allclose(live.content.session.active_grasp.grasp_point.at, (16.0, 8.0), atol=1e-6)
+        np.testing.assert_allclose(live.session.active_grasp.grasp_point.at, (16.0, 8.0), atol=1e-6)
         np.testing.assert_allclose(
-            live.content.session.active_grasp.force, (6.0 * live.content.session.grasp_model.gain, 0.0)
+            live.session.active_grasp.force, (6.0 * live.session.grasp_model.gain, 0.0)
         )
     end = time.monotonic() + 10.0
-    while live.content.session.active_grasp is not None and time.monotonic() < end:
+    while live.session.active_grasp is not None and time.monotonic() < end:
         time.sleep(0.02)
-    assert live.content.session.active_grasp is None
+    assert live.session.active_grasp is None
 
 
 def test_a_page_of_another_site_is_refused(live) -> None:
@@ -149,10 +147,9 @@ def test_the_server_listens_on_loopback_and_warns_about_any_other_host() -> None
 
 
 def test_an_address_of_another_machine_is_refused_at_once(tmp_path) -> None:
-    settings = compose("system=toy", "viewer.host=203.0.113.9")
-    show = ViewerContent(session(), "disc", lambda number: np.zeros((24, 32, 3), np.uint8), tmp_path)
+    one, frame = session(None, "viewer.host=203.0.113.9"), np.zeros((24, 32, 3), np.uint8)
     with pytest.raises(OSError, match=r"viewer.host=203.0.113.9: .*this machine"):
-        ViewerServer(show, settings.viewer)
+        ViewerServer(one, title="disc", read_frame=lambda number: frame, folder=tmp_path)
 
 
 def test_the_socket_is_bound_to_loopback(live) -> None:

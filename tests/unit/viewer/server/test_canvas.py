@@ -6,9 +6,8 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from lagsplat.config.compose import compose
 from lagsplat.viewer.server.canvas import to_pixel
-from lagsplat.viewer.server.server import ViewerContent, ViewerServer
+from lagsplat.viewer.server.server import ViewerServer
 from tests.unit.forces.solid import FRONT, turning
 from tests.unit.viewer.sessions import session
 from tests.unit.viewer.visitors import camera, dragged, send, visit
@@ -19,12 +18,10 @@ AHEAD = (0.0, 1.0, 0.0, 0.0)  # from in front, upright
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
-    settings = compose("system=toy", "viewer.port=0", f"viewer.window={SIDE}")
+    plate = session(turning(), "viewer.port=0", f"viewer.window={SIDE}")
     frame = np.zeros((24, 32, 3), np.uint8)
     folder = tmp_path_factory.mktemp("windows")
-    one = ViewerServer(
-        ViewerContent(session(turning()), "plate", lambda number: frame, folder), settings.viewer
-    )
+    one = ViewerServer(plate, title="plate", read_frame=lambda number: frame, folder=folder)
     yield one
     one.stop()
 
@@ -43,7 +40,7 @@ def front(live: ViewerServer, **changes) -> dict:
 
 
 def test_every_visitor_sees_the_view_of_their_own_camera(live) -> None:
-    canvas, q = live.scene_view.canvas, live.content.session.operating_point.rest.numpy()
+    canvas, q = live.scene_view.canvas, live.session.operating_point.rest.numpy()
     live.loop.submit(lambda s: s.pause(True))
     with ExitStack() as stack:
         one, two = (stack.enter_context(visit(live)) for _ in range(2))
@@ -77,7 +74,7 @@ def test_a_paused_view_follows_the_camera(live) -> None:
 
 
 def test_a_drag_on_the_object_pulls_in_the_plane_of_the_screen_and_its_end_releases(live) -> None:
-    one = live.content.session
+    one = live.session
     live.loop.submit(lambda s: (s.to_rest(), s.pause(True)))
     with visit(live) as client:
         send(client, front(live))
@@ -105,7 +102,7 @@ def test_a_drag_on_the_object_pulls_in_the_plane_of_the_screen_and_its_end_relea
 
 
 def test_a_drag_of_the_wall_or_of_nothing_pushes_nothing(live) -> None:
-    one = live.content.session
+    one = live.session
     with visit(live) as client:
         send(client, front(live))
         assert until(lambda: len(live.server.get_clients()) == 1)

@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from lagsplat.viewer.simulation.grasp import EnergyBalance
 from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop, StepClock
 from tests.unit.viewer.sessions import session
 
@@ -76,7 +77,7 @@ def test_a_report_that_cannot_be_delivered_ends_nothing():
 def test_a_step_that_fails_stops_the_session_until_it_is_reset(monkeypatch):
     one = session()
     loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
-    monkeypatch.setattr(one.energy, "record_step", lambda *booked, **more: 1 / 0)
+    monkeypatch.setattr(EnergyBalance, "after_step", lambda *booked, **more: 1 / 0)
     loop.start()
     end = time.monotonic() + 5.0
     while one.status != "stopped" and time.monotonic() < end:
