@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.array_types import Frames, Images, Latents, Series
+from lagsplat.array_types import Frames, Images, Latents
+from lagsplat.chart import visibility
 from lagsplat.chart.config import ChartConfig
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.chart.visibility import estimate_intrinsic_dimension, fit_whitening, measure_visibility
+from lagsplat.chart.visibility import Whitening
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames, to_images
@@ -25,7 +26,7 @@ SETTINGS = ("n_train", "segments", "metric_scale", "smoothing_frames", "conditio
 
 
 @dataclass(frozen=True)
-class Chart:
+class Chart(Whitening):
     """Whitened latents of a recording, not smoothed, with the metric they are measured in.
 
     ``q = (z - mean) @ whiten``, ``z = mean + q @ unwhiten``. ``metric`` has trace ``d`` and no ridge;
@@ -40,9 +41,6 @@ class Chart:
         True
     """
 
-    mean: Float64[np.ndarray, " d"]
-    whiten: Float64[np.ndarray, "d d"]
-    unwhiten: Float64[np.ndarray, "d d"]
     metric: Float64[np.ndarray, "d d"]
     metric_scale: float
     latents: Float64[np.ndarray, "T d"]
@@ -80,14 +78,6 @@ class Chart:
         """The held-out part, which no fit uses, not smoothed."""
         return self.whole.part(self.n_train, len(self.latents))
 
-    def to_raw(self, q: Series) -> Series:
-        """Raw latents of whitened ones."""
-        return self.mean + q @ self.unwhiten
-
-    def to_whitened(self, z: Series) -> Series:
-        """Whitened latents of raw ones."""
-        return (z - self.mean) @ self.whiten
-
 
 def find_rest_image(recording: Recording, *, n_train: int, rest_frames: int) -> np.ndarray:
     """Per-pixel median of the first training frames, uint8 (1, H, W, 3)."""
@@ -109,8 +99,8 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
     """
     n_train = recording.split()[0].n_frames
     z = encode_frames(autoencoder, recording.frames)
-    white = fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
-    q = (z - white.mean) @ white.whiten
+    white = visibility.fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
+    q = white.to_whitened(z)
 
     def decode(batch: Latents) -> Images:
         raw = torch.from_numpy(white.mean) + batch @ torch.from_numpy(white.unwhiten)
@@ -118,9 +108,11 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
 
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
-    visible = measure_visibility(decode, q[np.sort(seen)], step=config.visibility_step)
+    visible = visibility.measure_visibility(decode, q[np.sort(seen)], step=config.visibility_step)
     rest_image = find_rest_image(recording, n_train=n_train, rest_frames=config.rest_frames)
-    rest = encode_frames(autoencoder, rest_image)
+    dimension = visibility.estimate_intrinsic_dimension(
+        q[:n_train], frames=config.dimension_frames, neighbours=config.dimension_neighbours, seed=seed
+    )
     return Chart(
         mean=white.mean,
         whiten=white.whiten,
@@ -130,14 +122,12 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
         latents=q,
         inputs=np.asarray(recording.inputs, dtype=np.float64),
         time_s=np.asarray(recording.time_s, dtype=np.float64),
-        rest=((rest - white.mean) @ white.whiten)[0],
+        rest=white.to_whitened(encode_frames(autoencoder, rest_image))[0],
         n_train=n_train,
         segments=tuple((int(a), int(b)) for a, b in recording.segments),
         smoothing_frames=config.smoothing_frames,
         condition=visible.condition,
-        intrinsic_dimension=estimate_intrinsic_dimension(
-            q[:n_train], frames=config.dimension_frames, neighbours=config.dimension_neighbours, seed=seed
-        ),
+        intrinsic_dimension=dimension,
     )
 
 
@@ -169,8 +159,8 @@ def require_trained_autoencoder(autoencoder: Autoencoder, frames: Frames) -> Non
     at = np.unique(np.linspace(0, len(frames) - 1, SAMPLE).astype(int))
     seen = np.asarray(frames[at])
     images = to_images(seen).double().numpy()
-    error = float(np.square(decode_latents(autoencoder, encode_frames(autoencoder, seen)) - images).mean())
-    variance = float(images.var(0).mean())
+    drawn = decode_latents(autoencoder, encode_frames(autoencoder, seen))
+    error, variance = float(np.square(drawn - images).mean()), float(images.var(0).mean())
     if error > LARGEST_SHARE * variance:
         raise ValueError(
             "stage 1 learned nothing to build on: it draws the training frames with a mean squared error of "

@@ -11,6 +11,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from lagsplat.array_types import Series
 
+Segments = Sequence[tuple[int, int]]  # half-open clips of frames
+
 
 @dataclass(frozen=True)
 class TimeBase:
@@ -74,8 +76,8 @@ class EncodedTrajectory:
         for start, stop in self.segments:
             if not 0 <= start < stop <= len(self.latents):
                 raise ValueError(
-                    f"segment ({start}, {stop}) does not lie within the {len(self.latents)} frames of the "
-                    "trajectory; give half-open ranges of frames"
+                    f"segment ({start}, {stop}) does not lie within the {len(self.latents)} frames; give "
+                    "half-open ranges of frames"
                 )
 
     @cached_property
@@ -94,7 +96,7 @@ class EncodedTrajectory:
         Inputs keep their range: otherwise the filter turns a pressure step into suction.
         """
         latents, inputs = (
-            smooth_trajectory(series, sigma_frames=sigma_frames, segments=self.segments, clock=self.clock)
+            smooth_trajectory(series, sigma_frames, self.segments, self.clock)
             for series in (self.latents, self.inputs)
         )
         if inputs.size:
@@ -104,19 +106,15 @@ class EncodedTrajectory:
     def part(self, start: int, stop: int) -> "EncodedTrajectory":
         """Frames ``start`` to ``stop``, with the segments cut accordingly and counted from ``start``."""
         cut = ((max(a, start) - start, min(b, stop) - start) for a, b in self.segments)
-        return EncodedTrajectory(
-            latents=self.latents[start:stop],
-            inputs=self.inputs[start:stop],
-            time_s=self.time_s[start:stop],
-            segments=tuple((a, b) for a, b in cut if a < b),
-        )
+        segments, kept = tuple((a, b) for a, b in cut if a < b), slice(start, stop)
+        return EncodedTrajectory(self.latents[kept], self.inputs[kept], self.time_s[kept], segments)
 
 
 EVEN = 1e-4  # deviation from the median spacing up to which a clock is even: bounds the error of a frequency
 TRUNCATE = 4.0  # reach of the smoothing kernel, in its sigmas
 
 
-def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[int, int]]) -> TimeBase:
+def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Segments) -> TimeBase:
     """The time base of frames at ``time_s`` [s]; times between two clips do not count.
 
     Raises:
@@ -125,21 +123,14 @@ def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Sequence[tuple[i
     steps = np.concatenate([np.diff(time_s[a:b]) for a, b in segments] or [np.zeros(0)])
     if steps.size == 0:
         raise ValueError(
-            f"{len(time_s)} frame(s) and no two of them in one clip: they have no spacing in time; give "
-            "longer clips or another split"
+            f"no two of {len(time_s)} frame(s) are in one clip; give longer clips or another split"
         )
     dt_s = float(np.median(steps))
     even = float(np.abs(steps - dt_s).max()) <= EVEN * dt_s
     return TimeBase(dt_s, None if even else time_s)
 
 
-def smooth_trajectory(
-    series: Series,
-    *,
-    sigma_frames: float,
-    segments: Sequence[tuple[int, int]],
-    clock: TimeBase | None = None,
-) -> Series:
+def smooth_trajectory(series: Series, sigma_frames: float, segments: Segments, clock: TimeBase) -> Series:
     """Smooth each column by a Gaussian of ``sigma_frames``, and add the smoothed residual back (twicing).
 
     A Gaussian alone shrinks an oscillation of 20 sigma a period by 5 %, and so biases how the learned
@@ -152,17 +143,15 @@ def smooth_trajectory(
     """
     if sigma_frames == 0.0 or series.shape[1] == 0:
         return series.copy()
-    once = _blurred(series, sigma_frames, segments, clock)
-    return once + _blurred(series - once, sigma_frames, segments, clock)
+    once = _blur(series, sigma_frames, segments, clock)
+    return once + _blur(series - once, sigma_frames, segments, clock)
 
 
-def _blurred(
-    series: Series, sigma_frames: float, segments: Sequence[tuple[int, int]], clock: TimeBase | None
-) -> Series:
+def _blur(series: Series, sigma_frames: float, segments: Segments, clock: TimeBase) -> Series:
     smoothed = series.copy()
     for start, stop in segments:
         part = slice(start, stop)
-        if clock is None or clock.time_s is None:
+        if clock.time_s is None:
             reach = int(TRUNCATE * sigma_frames + 0.5)
             longer = _beyond(series[part], reach)
             blurred = gaussian_filter1d(longer, sigma_frames, axis=0, truncate=TRUNCATE)

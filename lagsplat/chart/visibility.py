@@ -54,8 +54,7 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
     if error > LARGEST_ERROR:
         raise ValueError(
             f"the visibility metric changes by {error:.0%} between difference steps {step:g} and "
-            f"{2 * step:g} whitened units: change chart.visibility_step (smaller where the image bends, "
-            "larger where it flickers)"
+            f"{2 * step:g}: lower chart.visibility_step where the image bends, raise it where it flickers"
         )
     symmetric = 0.5 * (sharp + sharp.T)
     scale = float(np.trace(symmetric)) / len(symmetric)
@@ -93,10 +92,8 @@ def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, see
     # Equal frames, as at rest, have distance zero, whose logarithm does not exist.
     sample = np.unique(q[rng.choice(len(q), min(frames, len(q)), replace=False)], axis=0)
     if len(sample) <= neighbours:
-        raise ValueError(
-            f"{len(sample)} different training frames are too few for "
-            f"chart.dimension_neighbours={neighbours}: lower it"
-        )
+        few = f"{len(sample)} different training frames are too few"
+        raise ValueError(f"{few} for chart.dimension_neighbours={neighbours}: lower it")
     from skdim.id import MLE  # more than a second to import, which most jobs do without
 
     local = MLE().fit_transform_pw(sample, n_neighbors=neighbours)
@@ -111,6 +108,14 @@ class Whitening:
     whiten: Float64[np.ndarray, "d d"]
     unwhiten: Float64[np.ndarray, "d d"]
 
+    def to_raw(self, q: Series) -> Series:
+        """Raw latents of whitened ones."""
+        return self.mean + q @ self.unwhiten
+
+    def to_whitened(self, z: Series) -> Series:
+        """Whitened latents of raw ones."""
+        return (z - self.mean) @ self.whiten
+
 
 def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
     """Whiten by the principal axes of ``z``, the largest variance first.
@@ -124,21 +129,22 @@ def fit_whitening(z: Series, *, eigenvalue_floor: float) -> Whitening:
 
     Source: paper, Implementation Details.
     """
-    if len(z) <= z.shape[1] or not np.isfinite(z).all():
+    d, bad = z.shape[1], np.count_nonzero(~np.isfinite(z).all(1))
+    if len(z) <= d or bad:
         raise ValueError(
-            f"whitening needs more finite latents than dimensions; there are {len(z)} frames of "
-            f"d = {z.shape[1]}, {np.count_nonzero(~np.isfinite(z).all(1))} of them not finite: check stage 1"
+            f"whitening needs more finite latents than dimensions; there are {len(z)} frames of d = {d}, "
+            f"{bad} of them not finite: check stage 1"
         )
     mean = z.mean(0)
     variance, axes = np.linalg.eigh(np.atleast_2d(np.cov(z, rowvar=False)))
     variance, axes = variance[::-1].copy(), axes[:, ::-1]
     carried = variance > eigenvalue_floor * variance[0]
     if not carried.all() or variance[0] <= 0.0:
-        listed = ", ".join(f"{value:.3g}" for value in variance)
+        listed, enough = ", ".join(f"{value:.3g}" for value in variance), np.count_nonzero(carried)
         raise ValueError(
-            f"d = {z.shape[1]} is larger than the data can carry: the latent variances along their "
-            f"principal axes are {listed}, and only {np.count_nonzero(carried)} exceed {eigenvalue_floor:g} "
-            f"of the largest. Set system.d={max(1, np.count_nonzero(carried))}, or train stage 1 longer"
+            f"d = {d} is larger than the data can carry: the latent variances along their principal axes are "
+            f"{listed}, and only {enough} exceed {eigenvalue_floor:g} of the largest. Set "
+            f"system.d={max(1, enough)}, or train stage 1 longer"
         )
     axes = axes * np.sign(axes[np.abs(axes).argmax(0), np.arange(len(mean))])
     scale = np.sqrt(variance)

@@ -27,10 +27,6 @@ UNRESOLVED = 1e-12  # predicted decrease, relative to 1 plus the energy, that ro
 SHORTEST = 2.0**-40  # smallest factor on a Newton step
 
 
-class NotSettledError(ValueError):
-    """No equilibrium was reached, for instance because the energy overflowed."""
-
-
 @torch.no_grad()
 def settle(
     law: Lagrangian,
@@ -49,8 +45,8 @@ def settle(
     ``start`` is the first state of the iteration, by default the rest state of the law.
 
     Raises:
-        NotSettledError: the load is so large that energies overflow, or the iterations do not suffice.
-        ValueError: a load that is not finite.
+        ValueError: a load that is not finite or so large that energies overflow, or the iterations do not
+            suffice.
 
     Source: paper, Appendix "Bounded forced response"; Nocedal and Wright, Numerical Optimization, ch. 3.
     """
@@ -71,10 +67,10 @@ def settle(
         force, hessian = _slopes(loaded, q, u, ready)
     left = force.norm(dim=1) / scale
     worst = int(left.nan_to_num(torch.inf).argmax())
-    raise NotSettledError(
+    raise ValueError(
         f"no equilibrium was reached in {ITERATIONS} steps under the load {load[worst].tolist()}: "
-        f"{float(left[worst]):.1e} of the force is left at q = {q[worst].tolist()}; lower the force, or look at "
-        "the law's potential"
+        f"{float(left[worst]):.1e} of the force is left at q = {q[worst].tolist()}; lower the force, or "
+        "look at the law's potential"
     )
 
 
@@ -169,10 +165,8 @@ class OperatingPoint:
         """
         unit = grasp_point.pull_back(torch.from_numpy(direction))
         if not float(unit.norm()) > STILL * float(self.kinematics.geometry.jacobian.abs().max()):
-            raise ValueError(
-                f"the matter at {grasp_point.at.tolist()} does not move along {direction.tolist()}; choose "
-                "another point or direction"
-            )
+            where = f"moves nothing at {grasp_point.at.tolist()}"
+            raise ValueError(f"a force along {direction.tolist()} {where}; choose another point or direction")
         small = 1e-3 * self.visited_radius / float(unit.norm())
         answer = float((self.equilibria(small * unit[None])[0] - self.rest).norm())
         linear = share * self.visited_radius * small / answer
@@ -200,13 +194,6 @@ class NoScaleError(ValueError):
     """No energy scale makes the response of the law match a measured push; the message says why."""
 
 
-def compute_motion_ratio(
-    answer: Float64[np.ndarray, "*B P n"], measured: Float64[np.ndarray, "P n"]
-) -> Float64[np.ndarray, "*B"]:
-    """Compute the least-squares ratio of a response to the measured displacements; 1 where they agree."""
-    return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
-
-
 def fit_energy_scale(
     operating_point: OperatingPoint,
     load: Float64[np.ndarray, " d"],
@@ -226,9 +213,10 @@ def fit_energy_scale(
     direction = torch.from_numpy(load)
 
     def motion_ratios(sizes: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
+        """Least-squares ratios of the responses to the measured displacements; 1 where they agree."""
         states = operating_point.equilibria(torch.from_numpy(sizes)[:, None] * direction)
-        away = (states - operating_point.rest).numpy()
-        return compute_motion_ratio(np.einsum("pcd,nd->npc", jacobian, away), measured)
+        answer = np.einsum("pcd,nd->npc", jacobian, (states - operating_point.rest).numpy())
+        return np.einsum("...pc,pc->...", answer, measured) / np.sum(measured**2)
 
     small = 1e-3 * operating_point.visited_radius / max(float(np.linalg.norm(load)), 1e-300)
     slope = float(motion_ratios(np.array([small]))[0]) / small

@@ -129,8 +129,8 @@ def _format_point(at: Point | Place) -> str:
 def _require_inside(at: Point, height: int, width: int) -> None:
     if not (0.0 <= at[0] <= width and 0.0 <= at[1] <= height):
         raise NoMatterError(
-            f"the point {_format_point(at)} is outside the image of {width} x {height} px; give x to the right "
-            "and y down, in its pixels"
+            f"the point {_format_point(at)} is outside the image of {width} x {height} px; give x to the "
+            "right and y down, in its pixels"
         )
 
 
@@ -226,8 +226,8 @@ def cast_ray(
     if not bool(hit.any()):
         opacity = 1.0 - float(transmittance.min()) if len(transmittance) else 0.0
         raise NoMatterError(
-            f"the ray through {_format_point(pixel)} meets nothing: its opacity is only {opacity:.0%}; click on "
-            "the object"
+            f"the ray through {_format_point(pixel)} meets nothing: its opacity is only {opacity:.0%}; click "
+            "on the object"
         )
     first = int(hit.double().argmax())
     number, depth, _ = flat.color[0, first].tolist()

@@ -5,13 +5,12 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from lagsplat.array_types import Inputs, Latents, Spd
+from lagsplat.array_types import Inputs, Latents, Spd, Vector
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.stage2.rollout import advance
 
-Vector = Float64[np.ndarray, " d"]
 Input = Float64[np.ndarray, " n_u"]
 
 
@@ -104,29 +103,28 @@ class TorchLagrangian:
 
     def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
         self.edits, self.unit_s = edits, float(law.time_unit_s)
-        self.law = LoadedLagrangian(law, torch.zeros(law.d, dtype=torch.float64), edits=edits)
+        unloaded = torch.zeros(law.d, dtype=torch.float64)
+        self.law, self.loaded = (LoadedLagrangian(law, unloaded, edits=edits) for _ in range(2))
         with torch.no_grad():
             self.ready = law.prepare()
 
     @torch.no_grad()
     def step(self, q: Vector, v: Vector, u: Input, load: Vector, *, dt_s: float) -> tuple[Vector, Vector]:
         """State and velocity [1/s] ``dt_s`` later under constant input and generalised force."""
-        self.law.load = torch.from_numpy(load)
+        self.loaded.load = torch.from_numpy(load)
         state, velocity = advance(
-            self.law, _row(q), _row(v * self.unit_s), _row(u), step=dt_s / self.unit_s, ready=self.ready
+            self.loaded, _row(q), _row(v * self.unit_s), _row(u), step=dt_s / self.unit_s, ready=self.ready
         )
         return state[0].numpy(), velocity[0].numpy() / self.unit_s
 
     @torch.no_grad()
     def conservative_force(self, q: Vector, u: Input) -> Vector:
         """``-grad (V - u.nu)``."""
-        self.law.load = torch.zeros_like(self.law.load)
         return self.law.conservative_force(_row(q), _row(u), self.ready)[0].numpy()
 
     @torch.no_grad()
     def potential(self, q: Vector) -> float:
         """``V(q)``."""
-        self.law.load = torch.zeros_like(self.law.load)
         return float(self.law.potential(_row(q))[0])
 
     @torch.no_grad()

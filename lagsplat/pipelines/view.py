@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import UInt8
 
+from lagsplat.array_types import Vector
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
@@ -97,7 +98,7 @@ def _frames(run: FittedRun) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
     return frame
 
 
-def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Float64[np.ndarray, " d"]]:
+def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Vector]:
     missing = MissingAcceleration(
         load_augmented(diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis)
     )

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from skimage.measure import find_contours
 from torch import Tensor
 
+from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import MatterKinematics
 from lagsplat.forces.moving_parts import draw_outline, find_moving_parts
@@ -17,6 +18,7 @@ from lagsplat.splat.projection import SQUARE
 from lagsplat.viewer.rendering.renderer import SceneRenderer
 from lagsplat.viewer.rendering.scene_frame import SceneFrame
 from lagsplat.views.camera import Camera
+from lagsplat.views.novel import cameras_bytes
 
 
 def draw_lines(
@@ -64,7 +66,7 @@ class DragProxies:
         """Orientations (w, x, y, z) of the ellipsoids in the coordinates of the run times ``flip``."""
         return Rotation.from_matrix(flip[:, None] * self.axes).as_quat(scalar_first=True)
 
-    def ellipsoids(self, q: Float64[np.ndarray, " d"]) -> tuple[np.ndarray, np.ndarray]:
+    def ellipsoids(self, q: Vector) -> tuple[np.ndarray, np.ndarray]:
         """Centres and half axes (K, 3) [px at the pivot] at a whitened state; tiny axes where faded."""
         state = torch.from_numpy(q)[None]
         place = self.kinematics.places(state)[0, self.chosen].numpy()
@@ -140,21 +142,19 @@ class AccelerationField:
         self.kinematics, self.cell = kinematics, cell
         self.jacobian = kinematics.geometry.jacobian[self.chosen].numpy()
 
-    def places(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n k"]:
+    def places(self, q: Vector) -> Float64[np.ndarray, "n k"]:
         """Feet of the arrows at the state ``q`` [px]."""
         return self.kinematics.places(torch.from_numpy(q)[None])[0, self.chosen].numpy()
 
-    def along(self, rate: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, "n k"]:
+    def along(self, rate: Vector) -> Float64[np.ndarray, "n k"]:
         """Motion of the matter at the feet for a rate of the state [px per unit of the rate]."""
         return self.jacobian @ rate
 
-    def largest(self, rate: Float64[np.ndarray, " d"]) -> float:
+    def largest(self, rate: Vector) -> float:
         """The largest of these motions, never zero."""
         return float(np.linalg.norm(self.along(rate), axis=1).max(initial=1e-12))
 
-    def arrows(
-        self, q: Float64[np.ndarray, " d"], rate: Float64[np.ndarray, " d"], *, largest: float
-    ) -> Float64[np.ndarray, "n 2 k"]:
+    def arrows(self, q: Vector, rate: Vector, *, largest: float) -> Float64[np.ndarray, "n 2 k"]:
         """Feet and tips [px]; a motion of ``largest`` [px per unit] is drawn two cells long."""
         feet = self.places(q)
         return np.stack([feet, feet + self.along(rate) * (2.0 * self.cell / max(largest, 1e-12))], axis=1)
@@ -173,27 +173,22 @@ class Silhouettes:
     """
 
     def __init__(
-        self,
-        renderer: SceneRenderer,
-        scene_frame: SceneFrame,
-        moving: Bool[Tensor, " K"],
-        rest: Float64[np.ndarray, " d"],
+        self, renderer: SceneRenderer, scene_frame: SceneFrame, moving: Bool[Tensor, " K"], rest: Vector
     ) -> None:
         self.renderer, self.scene_frame, self.rest = renderer, scene_frame, rest
         self.white = moving[:, None].expand(-1, 3).to(torch.float32)
         self.handles: dict[int, viser.LineSegmentsHandle] = {}
         self.drawn_keys: dict[int, bytes] = {}
 
-    def update(self, client: viser.ClientHandle, camera: Camera, camera_key: bytes) -> None:
-        """Show a visitor the outline seen from ``camera``; trace it anew if ``camera_key`` has changed."""
-        handle = self.handles.get(client.client_id)
-        if handle is None:
-            handle = draw_lines(client.scene, "/rest", np.zeros((1, 2, 3)), REST, thick=THICK)
-            self.handles[client.client_id] = handle
-        if self.drawn_keys.get(client.client_id) != camera_key:
-            self.drawn_keys[client.client_id] = camera_key
-            handle.points = self.scene_frame.to_scene(self.trace(camera)).astype(np.float32)
-        handle.visible = True
+    def update(self, client: viser.ClientHandle, camera: Camera) -> None:
+        """Show a visitor the outline seen from ``camera``; trace it anew if this is another one."""
+        number, key = client.client_id, cameras_bytes([camera])
+        if number not in self.handles:
+            self.handles[number] = draw_lines(client.scene, "/rest", np.zeros((1, 2, 3)), REST, thick=THICK)
+        if self.drawn_keys.get(number) != key:
+            self.drawn_keys[number] = key
+            self.handles[number].points = self.scene_frame.to_scene(self.trace(camera)).astype(np.float32)
+        self.handles[number].visible = True
 
     def hide(self) -> None:
         """Hide the outline from everyone."""

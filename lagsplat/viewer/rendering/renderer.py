@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
 
+from lagsplat.array_types import Vector
 from lagsplat.chart.chart import Chart
 from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.image_model import rasterize
@@ -23,7 +24,7 @@ class ImageRenderer:
         stretch = (width / autoencoder.width, height / autoencoder.height)
         self.rasterizer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
 
-    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+    def draw(self, q: Vector) -> RgbImage:
         """Draw a whitened state."""
         return self.rasterizer.draw(self.chart.to_raw(q[None])[0])
 
@@ -50,14 +51,12 @@ class SceneRenderer:
         camera = Camera(*pose, *lens, autoencoder.height, autoencoder.width)
         self.recording_camera = camera.resized(height, width)
 
-    def draw(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+    def draw(self, q: Vector) -> RgbImage:
         """Draw a whitened state from the recording camera."""
         return self.render_view(q, self.recording_camera)
 
     @torch.no_grad()
-    def render_view(
-        self, q: Float64[np.ndarray, " d"], camera: Camera, *, color: torch.Tensor | None = None
-    ) -> RgbImage:
+    def render_view(self, q: Vector, camera: Camera, *, color: torch.Tensor | None = None) -> RgbImage:
         """Draw what ``camera``, in the coordinates of the run, sees at a whitened state.
 
         A state or camera that overflows gives the background alone. ``color`` (K, 3) replaces the colours,

@@ -6,13 +6,14 @@ scene let the browser distinguish a drag of the object from one that turns the v
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
 import viser
 from jaxtyping import Float64
 
+from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import Place, Point, cast_ray
 from lagsplat.splat.projection import make_view
@@ -38,7 +39,7 @@ class ImageDrag:
     def __init__(self, press: Pointer) -> None:
         self.press = press
 
-    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Point, None]:
+    def find_target(self, q: Vector) -> tuple[Point, None]:
         """The pressed pixel, and no Gaussian."""
         return (float(self.press[0]), float(self.press[1])), None
 
@@ -60,7 +61,7 @@ class RayDrag:
         self.operating_point, self.camera, self.press = operating_point, camera, press
         self.depth = 0.0
 
-    def find_target(self, q: Float64[np.ndarray, " d"]) -> tuple[Place, int]:
+    def find_target(self, q: Vector) -> tuple[Place, int]:
         """The point of the ray at the depth of the first Gaussian that it meets, and its number.
 
         Raises:
@@ -153,7 +154,7 @@ class ImageCanvas:
         points = np.concatenate(outline or [np.zeros((1, 2, 3))])
         self.rest = overlays.draw_lines(server.scene, "/rest", points, overlays.REST, thick=0.014)
 
-    def paint(self, q: Float64[np.ndarray, " d"]) -> RgbImage:
+    def paint(self, q: Vector) -> RgbImage:
         """Draw a state."""
         return self.renderer.draw(q)
 
@@ -193,18 +194,15 @@ class ImageCanvas:
         return ImageDrag(press), pointer
 
 
-@dataclass(frozen=True)
-class CameraView:
-    """The image for one visitor and the camera it was drawn from; ``camera_key`` identifies the camera."""
+class CameraView(NamedTuple):
+    """The image for one visitor and the camera it was drawn from."""
 
     client: viser.ClientHandle
     camera: Camera
-    camera_key: bytes
     image: RgbImage
 
 
-@dataclass(frozen=True)
-class PaintedFrame:
+class PaintedFrame(NamedTuple):
     """A painted state: the drag proxies in the scene, and the views that have changed."""
 
     places: Float64[np.ndarray, "K 3"]
@@ -251,7 +249,7 @@ class CameraCanvas:
             receive_shadow=False,
         )
 
-    def paint(self, q: Float64[np.ndarray, " d"]) -> PaintedFrame:
+    def paint(self, q: Vector) -> PaintedFrame:
         """Place the drag proxies and draw the image of every visitor whose view has changed."""
         windows = []
         for client_id, client in self.server.get_clients().items():
@@ -259,10 +257,10 @@ class CameraCanvas:
                 camera = self.camera(client)
             except ValueError:
                 continue  # a visitor with an invalid camera keeps the previous image
-            camera_key = cameras_bytes([camera])
-            if self.drawn_keys.get(client_id) != camera_key + q.tobytes():
-                self.drawn_keys[client_id] = camera_key + q.tobytes()
-                windows.append(CameraView(client, camera, camera_key, self.renderer.render_view(q, camera)))
+            key = cameras_bytes([camera]) + q.tobytes()
+            if self.drawn_keys.get(client_id) != key:
+                self.drawn_keys[client_id] = key
+                windows.append(CameraView(client, camera, self.renderer.render_view(q, camera)))
         places, halves = self.drag_proxies.ellipsoids(q)
         unit = self.scene_frame.image_plane.unit
         return PaintedFrame(self.scene_frame.to_scene(places), halves / unit, windows)
@@ -277,7 +275,7 @@ class CameraCanvas:
                 continue  # left while the image was drawn
             window.client.scene.set_background_image(window.image, format="jpeg", jpeg_quality=QUALITY)
             if self.resting:
-                self.silhouettes.update(window.client, window.camera, window.camera_key)
+                self.silhouettes.update(window.client, window.camera)
 
     def to_scene(self, places: Float64[np.ndarray, "*B 3"], *, layer: int = 1) -> Float64[np.ndarray, "*B 3"]:
         """Scene coordinates of positions in space."""

@@ -27,21 +27,17 @@ THEME: Any = {
 
 
 class ControlPanel:
-    """The controls, the banner and the plots of a server; ``save`` and ``replay`` return a line to show."""
+    """The controls, the banner and the plots of a server.
+
+    ``actions`` are the buttons of the tab Record with what they do; each returns a line to show.
+    """
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        loop: RealtimeLoop,
-        scene_view: SceneView,
-        *,
-        title: str,
-        save: Callable[[], str],
-        replay: Callable[[], str],
+        self, loop: RealtimeLoop, scene_view: SceneView, *, title: str, actions: dict[str, Callable[[], str]]
     ) -> None:
-        self.server, self.loop, self.scene_view = server, loop, scene_view
+        self.server, self.loop, self.scene_view = scene_view.server, loop, scene_view
         self.refreshed_s, self.banner_text, self.shows_latency = 0.0, "", False
-        gui, session = server.gui, loop.session
+        gui, session = self.server.gui, loop.session
         gui.set_panel_label(title)
         gui.configure_theme(dark_mode=True, **THEME)
         gui.main_panel.dock_right()
@@ -58,7 +54,7 @@ class ControlPanel:
         with tabs.add_tab("View"):
             self._add_view_controls(gui)
         with tabs.add_tab("Record"):
-            self._add_record_controls(gui, save, replay)
+            self._add_record_controls(gui, actions)
         self.plots = HistoryPlots(gui, d=len(session.q), span_s=session.config.history_s)
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
@@ -113,11 +109,7 @@ class ControlPanel:
         self, label: str, act: Callable[[bool], None], *, on: bool = False
     ) -> viser.GuiCheckboxHandle:
         box = self.server.gui.add_checkbox(label, initial_value=on)
-
-        @box.on_update
-        def _(_: object) -> None:
-            act(bool(box.value))
-
+        box.on_update(lambda _: act(bool(box.value)))
         return box
 
     def _add_time_controls(self, gui: viser.GuiApi, session: Session) -> None:
@@ -201,9 +193,8 @@ class ControlPanel:
         ]
 
         def set_inputs(_: object) -> None:
-            u = np.array(
-                [clip_value(slider.value, a, b) for slider, a, b in zip(sliders, low, high, strict=True)]
-            )
+            bounded = zip(sliders, low, high, strict=True)
+            u = np.array([clip_value(slider.value, a, b) for slider, a, b in bounded])
             self.loop.submit(lambda s: s.set_inputs(u))
             follow.value = False  # type: ignore[misc]
 
@@ -230,24 +221,18 @@ class ControlPanel:
     def _show(self, overlay: str, on: bool) -> None:
         self.loop.submit(lambda s: self.scene_view.shown.update({overlay: on}))
 
-    def _add_record_controls(
-        self, gui: viser.GuiApi, save: Callable[[], str], replay: Callable[[], str]
-    ) -> None:
+    def _add_record_controls(self, gui: viser.GuiApi, actions: dict[str, Callable[[], str]]) -> None:
         message = gui.add_markdown("The last minutes are kept; save them as MCAP, MP4 and GIF.")
 
-        def offer(label: str, act: Callable[[], str]) -> None:
-            button = gui.add_button(label)
+        def run(act: Callable[[], str], _: object) -> None:
+            message.content = "Working on it ..."
+            try:
+                message.content = act()
+            except (ValueError, OSError) as error:
+                message.content = f"**{error}**"
 
-            @button.on_click
-            def _(_: object) -> None:
-                message.content = "Working on it ..."
-                try:
-                    message.content = act()
-                except (ValueError, OSError) as error:
-                    message.content = f"**{error}**"
-
-        offer("Save the session", save)
-        offer("Replay what I did", replay)
+        for label, act in actions.items():
+            gui.add_button(label).on_click(partial(run, act))
 
 
 def pause_and_step(session: Session) -> None:

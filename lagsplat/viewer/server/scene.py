@@ -9,6 +9,7 @@ import numpy as np
 import viser
 from jaxtyping import Float64, UInt8
 
+from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
 from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
@@ -42,7 +43,7 @@ class SceneView:
         canvas: Canvas,
         *,
         read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
-        residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None,
+        residual: Callable[[Snapshot], Vector] | None = None,
     ) -> None:
         operating_point, recorded = session.operating_point, session.recorded
         self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual

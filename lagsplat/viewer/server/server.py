@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import viser
-from jaxtyping import Float64, UInt8
+from jaxtyping import UInt8
 
+from lagsplat.array_types import Vector
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
 from lagsplat.viewer.server.canvas import Drag, Pointer
@@ -45,7 +46,7 @@ class ViewerServer:
         title: str,
         read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
         folder: Path,
-        residual: Callable[[Snapshot], Float64[np.ndarray, " d"]] | None = None,
+        residual: Callable[[Snapshot], Vector] | None = None,
     ) -> None:
         config, operating_point = session.config, session.operating_point
         if text := warn_of_open_host(config.host):
@@ -64,9 +65,8 @@ class ViewerServer:
         self.loop = RealtimeLoop(
             session, self._draw, pictures_hz=config.pictures_hz, report_error=self._refuse
         )
-        self.panel = ControlPanel(
-            self.server, self.loop, self.scene_view, title=title, save=self._save, replay=self._replay
-        )
+        actions = {"Save the session": self._save, "Replay what I did": self._replay}
+        self.panel = ControlPanel(self.loop, self.scene_view, title=title, actions=actions)
         self.holder_id: int | None = None
         self.drag: Drag | None = None
         self.saving = threading.Lock()

@@ -6,12 +6,11 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint, compute_static_stiffness
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.moving_parts import STILL
-
-Vector = Float64[np.ndarray, " d"]
 
 
 @dataclass(frozen=True)
@@ -106,11 +105,11 @@ class Grasp:
     is_background: bool
 
     @property
-    def load(self) -> Float64[np.ndarray, " d"]:
+    def load(self) -> Vector:
         """The generalised force [energy of the law per whitened unit]."""
         return self.force @ self.grasp_point.jacobian.numpy()
 
-    def place(self, q: Float64[np.ndarray, " d"]) -> Float64[np.ndarray, " n"]:
+    def place(self, q: Vector) -> Float64[np.ndarray, " n"]:
         """Position of the grasped matter at the state ``q`` [px]."""
         return self.grasp_point.place(torch.from_numpy(q)).numpy()
 
@@ -142,7 +141,7 @@ class GraspModel:
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
         self.gain = response * operating_point.visited_radius / (float(answers.median()) * drag_px)
 
-    def grasp(self, q: Float64[np.ndarray, " d"], at: Point | Place, *, gaussian: int | None = None) -> Grasp:
+    def grasp(self, q: Vector, at: Point | Place, *, gaussian: int | None = None) -> Grasp:
         """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet.
 
         Where no centre is under the brush, the Gaussian with the number ``gaussian`` is grasped, if one is

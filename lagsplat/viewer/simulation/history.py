@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from lagsplat.array_types import Vector
 from lagsplat.chart.chart import Chart
 from lagsplat.stage2.lagrangian import LawEdits
 
@@ -134,7 +135,7 @@ class TrainingCoverage:
     root: Float64[np.ndarray, "d d"]
     radius: float
 
-    def distance(self, q: Float64[np.ndarray, " d"]) -> float:
+    def distance(self, q: Vector) -> float:
         """Distance of ``q`` from the nearest covered point in radii; above 1 it is outside the recording."""
         away = self.points - q @ self.root
         return float(np.sqrt(np.square(away).sum(1).min()) / self.radius)

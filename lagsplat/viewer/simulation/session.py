@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from lagsplat.array_types import Vector
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint, fit_energy_scale, settle
 from lagsplat.forces.grasp import Place, Point
@@ -36,8 +37,8 @@ class Snapshot:
     """
 
     time_s: float
-    q: Float64[np.ndarray, " d"]
-    v: Float64[np.ndarray, " d"]
+    q: Vector
+    v: Vector
     u: Float64[np.ndarray, " n_u"]
     frame: int | None
     active_grasp: Grasp | None
@@ -156,7 +157,7 @@ class Session:
         """Reset to the equilibrium under the present inputs.
 
         Raises:
-            NotSettledError: no equilibrium was found.
+            ValueError: no equilibrium was found.
         """
         law, start = self.operating_point.law, self.operating_point.rest
         u, load = torch.from_numpy(self.u)[None], torch.zeros(1, law.d).double()
@@ -251,7 +252,7 @@ class Session:
             self.requested_s,
         )
 
-    def _advance_inputs(self) -> Float64[np.ndarray, " d"]:
+    def _advance_inputs(self) -> Vector:
         """Advance the inputs by one frame; return the generalised force of this step."""
         if self.replaying is not None:
             return self._replay_step()
@@ -260,7 +261,7 @@ class Session:
             self.frame = self.recorded.next_frame(self.frame)
         return np.zeros(self.operating_point.law.d) if self.active_grasp is None else self.active_grasp.load
 
-    def _replay_step(self) -> Float64[np.ndarray, " d"]:
+    def _replay_step(self) -> Vector:
         history, row = self.replaying, self.replay_row
         assert history is not None
         if row == 0 or history.clip[row] != history.clip[row - 1]:
@@ -282,7 +283,7 @@ class Session:
         self.edits, self.law = edits, make_fast_lagrangian(self.operating_point.law, edits=edits)
         self.energy = self.energy.after_edit(self.law, self.q, self.v)
 
-    def _record_row(self, load: Float64[np.ndarray, " d"]) -> None:
+    def _record_row(self, load: Vector) -> None:
         energy, edits, grasp = self.energy, self.edits, self.active_grasp
         space = self.operating_point.kinematics.space
         force = np.zeros(space) if grasp is None else grasp.force

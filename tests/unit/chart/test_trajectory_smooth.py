@@ -3,18 +3,20 @@ import pytest
 
 from lagsplat.chart.trajectory import TimeBase, smooth_trajectory
 
+FRAMES = TimeBase(1.0)
+
 
 def test_segments_do_not_leak_into_each_other() -> None:
     series = np.zeros((40, 1))
     series[20:] = 5.0
-    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 20), (20, 40)))
+    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 20), (20, 40)), clock=FRAMES)
     np.testing.assert_array_equal(got, series)
 
 
 def test_kernel_is_a_twiced_gaussian_cut_at_four_sigma() -> None:
     series = np.zeros((61, 1))
     series[30] = 1.0
-    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 61),))[:, 0]
+    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 61),), clock=FRAMES)[:, 0]
     taps = np.exp(-0.5 * (np.arange(-8, 9) / 2.0) ** 2)
     taps /= taps.sum()
     np.testing.assert_allclose(got[14:47], 2 * np.pad(taps, 8) - np.convolve(taps, taps), atol=1e-12)
@@ -40,22 +42,27 @@ def test_a_swing_keeps_its_amplitude_and_noise_does_not(shaken: float) -> None:
 def test_a_steady_motion_stays_steady_to_its_ends_and_nothing_is_written_in_place() -> None:
     series = np.linspace(1.0, 2.0, 30)[:, None]
     before = series.copy()
-    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 12), (12, 30)))
+    got = smooth_trajectory(series, sigma_frames=2.0, segments=((0, 12), (12, 30)), clock=FRAMES)
     np.testing.assert_array_equal(series, before)
     np.testing.assert_allclose(got, series, atol=1e-12)
 
 
 def test_segments_shorter_than_the_filter_are_smoothed() -> None:
     series = np.array([[1.0], [3.0], [2.0], [7.0]])
-    got = smooth_trajectory(series, sigma_frames=3.0, segments=((0, 3), (3, 4)))
+    got = smooth_trajectory(series, sigma_frames=3.0, segments=((0, 3), (3, 4)), clock=FRAMES)
     assert np.isfinite(got).all()
     assert got[3, 0] == 7.0
 
 
 def test_no_columns_and_no_smoothing_pass_through() -> None:
-    assert smooth_trajectory(np.zeros((5, 0)), sigma_frames=1.0, segments=((0, 5),)).shape == (5, 0)
+    assert smooth_trajectory(np.zeros((5, 0)), sigma_frames=1.0, segments=((0, 5),), clock=FRAMES).shape == (
+        5,
+        0,
+    )
     series = np.arange(6.0)[:, None]
-    np.testing.assert_array_equal(smooth_trajectory(series, sigma_frames=0.0, segments=((0, 6),)), series)
+    np.testing.assert_array_equal(
+        smooth_trajectory(series, sigma_frames=0.0, segments=((0, 6),), clock=FRAMES), series
+    )
 
 
 def test_true_times_reduce_to_frames_on_an_even_clock() -> None:
