@@ -21,7 +21,6 @@ from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_peri
 from lagsplat.diagnose.estimation.dataset import cut_windows, prepare_dataset
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
 from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
-from lagsplat.diagnose.identification.estimated_simulator import make_identification_settings
 from lagsplat.diagnose.identification.structure_search import identify_model
 from lagsplat.diagnose.mechanics.structure import list_free_directions
 from lagsplat.diagnose.simulators.sources import find_sources, read_sources
@@ -43,14 +42,13 @@ def compare(case: str, folder: Path) -> str:
     """One line: unknowns, times, their ratio."""
     make_one((case, CASES[case], 1, "speed", str(folder), "T0"))
     config = compose().diagnose
-    setting = make_identification_settings(config)
     motions = read_sources(find_sources(f"{folder}/data/{case}/sim_*.csv"))
     period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
     windows = cut_windows(ready.dataset, length_s=config.window_periods * period_s, min_frames=12)
-    found = identify_model(ready.dataset, ready.smooth, ready.sigma, period_s, setting, windows, held=False)
+    found = identify_model(ready, windows, config, period_s=period_s)
     moves = list_free_directions(found.model, found.structure, np.std(ready.dataset.v, axis=0))
-    steps = max(1, int(np.ceil(ready.dataset.dt_s * setting.steps_per_period / period_s)))
+    steps = max(1, int(np.ceil(ready.dataset.dt_s * config.steps_per_period / period_s)))
     moving = ParameterSensitivity(
         found.model, ready.dataset, found.windows, moves, ready.smooth, steps, held=False
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import (
     CoefficientBatch,
@@ -24,7 +24,7 @@ from lagsplat.diagnose.estimation.dataset import Dataset, InputSignal, WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingData
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
 from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch, zero_force
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
@@ -253,16 +253,8 @@ class SensitivityColumns:
             distinct, which = np.unique(moves[:, touched], axis=1, return_inverse=True)
         column = np.full(moves.shape[1], -1, np.int64)
         column[touched] = which.reshape(-1)
-        return cls(tuple(_shaped(column, model)), distinct)
-
-
-def _shaped(column: Int64[np.ndarray, " K"], model: MechanicalModel) -> list[np.ndarray]:
-    out, at = [], 0
-    for name in COEFFICIENT_FIELDS:
-        value = getattr(model, name)
-        out.append(move_functions_last(column[at : at + value.size].reshape(1, *value.shape))[0])
-        at += value.size
-    return out
+        parts = split_coefficients(column, model).values()
+        return cls(tuple(move_functions_last(part[None])[0] for part in parts), distinct)
 
 
 @dataclass(frozen=True)

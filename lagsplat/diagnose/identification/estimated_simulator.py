@@ -1,9 +1,7 @@
-"""A simulator that is known from its recordings alone: its model, how well it fits and what stays
-uncertain."""
+"""A simulator that is known from its recordings alone: its model, its misfit and its uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,13 +10,14 @@ from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, NOVELTY, Diagnose
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import (
     FileSpan,
+    WindowSet,
     cut_windows,
     drop_overlapping_windows,
     locate_windows,
     prepare_dataset,
 )
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, drop_outlier_windows
-from lagsplat.diagnose.identification.structure_search import IdentificationSettings, identify_model
+from lagsplat.diagnose.identification.structure_search import IdentifiedModel, identify_model
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import flatten_coefficients
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -59,21 +58,14 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
     """
     period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
-    identify = partial(
-        identify_model,
-        ready.dataset,
-        ready.smooth,
-        ready.sigma,
-        period_s,
-        make_identification_settings(config),
-        held=config.input_hold == "zoh",
-    )
+
+    def identify(windows: WindowSet) -> IdentifiedModel:
+        return identify_model(ready, windows, config, period_s=period_s)
 
     def fit_windows(scale: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = scale * config.window_periods * period_s
-        windows = cut_windows(
-            ready.dataset, length_s=length_s, min_frames=ESTIMATED_SIMULATOR.min_window_frames
-        )
+        min_frames = ESTIMATED_SIMULATOR.min_window_frames
+        windows = cut_windows(ready.dataset, length_s=length_s, min_frames=min_frames)
         kept = drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= NOVELTY.min_windows:
             windows = kept
@@ -100,17 +92,8 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
     return min(usual, middle, key=lambda candidate: candidate.misfit)
 
 
-def make_identification_settings(config: DiagnoseConfig) -> IdentificationSettings:
-    """The settings by which a simulator is fitted to its own recordings."""
-    ridge, iterations = config.identify_ridge, config.identify_iterations
-    return IdentificationSettings(
-        config.steps_per_period, ridge, iterations, ESTIMATED_SIMULATOR.fit_tolerance
-    )
-
-
 def move_rest_to_minimum(model: MechanicalModel, q: Float64[np.ndarray, "N d"]) -> MechanicalModel:
-    """The model with its rest where the potential is lowest along the motion ``q``, if its rest is
-    unstable."""
+    """The model with an unstable rest moved to where the potential is lowest along the motion ``q``."""
     if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
         return model
     potential = model.basis.first(len(model.potential)).values(q) @ model.potential

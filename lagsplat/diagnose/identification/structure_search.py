@@ -10,12 +10,13 @@ with the least inertia between coordinates is taken (`decouple_inertia`).
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import STRUCTURE_SEARCH
-from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, STRUCTURE_SEARCH, DiagnoseConfig
+from lagsplat.diagnose.estimation.dataset import Dataset, PreparedDataset, WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
@@ -33,7 +34,6 @@ from lagsplat.diagnose.identification.weak_form import (
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
-    COEFFICIENT_FIELDS,
     MAX_FEW_COORDINATES,
     ModelStructure,
     build_candidate_bases,
@@ -43,7 +43,19 @@ from lagsplat.diagnose.mechanics.structure import (
     list_larger_structures,
     pad_model,
     shift_coefficients,
+    split_coefficients,
 )
+
+
+@dataclass(frozen=True)
+class StructureFit:
+    """A model of a certain structure, refined by multiple shooting."""
+
+    bic: float  # Bayesian information criterion
+    model: MechanicalModel
+    structure: ModelStructure
+    fit: ShootingFit
+    moves: Float64[np.ndarray, "n K"]  # direction in the space of all coefficients of each unknown of the fit
 
 
 @dataclass(frozen=True)
@@ -61,28 +73,20 @@ class IdentifiedModel:
 
 
 @dataclass(frozen=True)
-class IdentificationSettings:
-    """How a simulator is identified, from ``conf/diagnose``."""
-
-    steps_per_period: float  # Runge-Kutta steps in a natural period at least
-    ridge: float  # penalty of the weak-form regression in standardised columns
-    iterations: int  # steps of each fit at most
-    tolerance: float  # relative gain of a step below which a fit has converged
-    test_s: float = 0.0  # width of a test function [s]
-
-
-@dataclass(frozen=True)
 class IdentificationProblem:
     """The recordings of a simulator, ready for multiple shooting."""
 
     dataset: Dataset
     smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates
-    speed: Float64[np.ndarray, " d"]  # standard deviation of the velocities
     windows: WindowSet
     data: ShootingData
     steps: int  # substeps between two frames
-    held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
-    setting: IdentificationSettings
+    config: DiagnoseConfig
+
+    @cached_property
+    def speed(self) -> Float64[np.ndarray, " d"]:
+        """Standard deviation of the velocities."""
+        return np.std(self.dataset.v, axis=0)
 
     @property
     def n_data(self) -> float:
@@ -90,11 +94,24 @@ class IdentificationProblem:
         w = self.windows
         return float(w.length.sum() * self.dataset.d - 2 * self.dataset.d * len(w.first))
 
+    @property
+    def initial_states(self) -> Float64[np.ndarray, "W s"]:
+        """Initial states of the windows by the smoothed coordinates and estimated velocities."""
+        return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
+
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
-        """Rollouts of a model with its coefficients moved along ``moves``."""
-        return ParameterSensitivity(
-            model, self.dataset, self.windows, moves, self.smooth, self.steps, self.held
-        )
+        """Rollouts of a model with its coefficients moved along ``moves`` (n, K)."""
+        held = self.config.input_hold == "zoh"
+        return ParameterSensitivity(model, self.dataset, self.windows, moves, self.smooth, self.steps, held)
+
+    def linearise(
+        self, model: MechanicalModel, moves: np.ndarray, starts: np.ndarray
+    ) -> tuple[Float64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
+        """Curvature and gradient of half the misfit by ``moves`` (n, K), initial states eliminated."""
+        sensitivity = self.make_sensitivity(model, moves)
+        linear = sensitivity.derivatives(np.zeros(len(moves)), starts, self.data)
+        curvature, gradient, *_ = eliminate_starts(*linear)
+        return curvature, gradient
 
     def fit_moves(
         self,
@@ -105,15 +122,7 @@ class IdentificationProblem:
         *,
         iterations: int,
     ) -> ShootingFit:
-        """Fit how far to move a model along ``moves``, by multiple shooting.
-
-        Args:
-            model: the model to move.
-            moves: directions in the space of all coefficients (n, K).
-            starts: initial states to begin with (W, 2 d).
-            prior: prior of the n unknowns.
-            iterations: steps at most.
-        """
+        """Fit how far to move a model along ``moves`` (n, K), by shooting from ``starts`` (W, 2 d)."""
         sensitivity = self.make_sensitivity(model, moves)
         return fit_multiple_shooting(
             sensitivity,
@@ -122,14 +131,9 @@ class IdentificationProblem:
             self.data,
             prior,
             iterations=iterations,
-            tolerance=self.setting.tolerance,
+            tolerance=ESTIMATED_SIMULATOR.fit_tolerance,
             exact=sensitivity.derivatives,
         )
-
-    @property
-    def initial_states(self) -> Float64[np.ndarray, "W s"]:
-        """Initial states of the windows by the smoothed coordinates and estimated velocities."""
-        return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
 
     def compute_misfit(self, model: MechanicalModel) -> float:
         """Misfit of a model when only the windows' initial states are fitted; infinite if it diverges."""
@@ -137,19 +141,18 @@ class IdentificationProblem:
         fit = self.fit_moves(model, no_moves, self.initial_states, make_weak_prior(0), iterations=4)
         return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
-    def refine(
-        self, model: MechanicalModel, structure: ModelStructure, starts: np.ndarray
-    ) -> tuple[MechanicalModel, ShootingFit, np.ndarray]:
-        """Refine all free coefficients by multiple shooting.
+    def compute_bic(self, misfit: float, n: int) -> float:
+        """Bayesian information criterion of ``n`` coefficients."""
+        # a misfit below half the noise's variance is overfitting and gains nothing
+        return self.n_data * np.log(max(misfit / self.n_data, 0.5)) + n * np.log(self.n_data)
 
-        Returns:
-            The refined model, the fit, and the direction of each of its unknowns (n, K).
-        """
+    def refine(self, model: MechanicalModel, structure: ModelStructure, starts: np.ndarray) -> StructureFit:
+        """Refine all free coefficients by multiple shooting."""
         moves = list_free_directions(model, structure, self.speed)
-        fit = self.fit_moves(
-            model, moves, starts, make_weak_prior(len(moves)), iterations=self.setting.iterations
-        )
-        return shift_coefficients(model, fit.x @ moves), fit, moves
+        prior = make_weak_prior(len(moves))
+        fit = self.fit_moves(model, moves, starts, prior, iterations=self.config.identify_iterations)
+        refined = shift_coefficients(model, fit.x @ moves)
+        return StructureFit(self.compute_bic(fit.misfit, len(moves)), refined, structure, fit, moves)
 
 
 def make_weak_prior(n: int) -> GaussianPrior:
@@ -167,27 +170,19 @@ def list_uncertain_directions(
     ``curvature`` is that of the data by a fit's unknowns, ``moves`` are the directions of these and
     ``deviation`` is the prior standard deviation of each.
     """
-    scatter = np.linalg.inv(curvature + np.eye(len(moves)) / deviation**2)
+    return _principal_axes(np.linalg.inv(curvature + np.eye(len(moves)) / deviation**2)) @ moves
+
+
+def _principal_axes(scatter: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, "n n"]:
+    """Rows: the axes of a covariance, of one standard deviation each, the largest first."""
     values, vectors = np.linalg.eigh(scatter)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ moves
+    return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1]
 
 
-@dataclass(frozen=True)
-class PredictedGain:
-    """A larger structure and its predicted benefit."""
-
-    gain: float  # reduction of the misfit, to first order
-    structure: ModelStructure
-    n: int  # number of free coefficients
-
-
-def predict_gains(
-    problem: IdentificationProblem,
-    model: MechanicalModel,
-    larger: list[ModelStructure],
-    fit: ShootingFit,
-) -> list[PredictedGain]:
-    """Predict the gain of each larger structure, from a single linearisation for all."""
+def predict_bics(
+    problem: IdentificationProblem, best: StructureFit, larger: list[ModelStructure]
+) -> list[float]:
+    """Predict the criterion of each larger structure, from a single linearisation for all."""
     union = ModelStructure(
         mass=max(f.mass for f in larger),
         damping=max(f.damping for f in larger),
@@ -196,113 +191,76 @@ def predict_gains(
         dry=True,
         drag=True,
     )
-    padded = pad_model(model, union)
+    padded = pad_model(best.model, union)
     moves = list_free_directions(padded, union, problem.speed)
-    linear = problem.make_sensitivity(padded, moves).derivatives(
-        np.zeros(len(moves)), fit.starts, problem.data
-    )
-    curvature, gradient, *_ = eliminate_starts(*linear)
-    gains = []
-    for candidate in larger:
-        small = pad_model(model, candidate)
-        free = list_free_directions(small, candidate, problem.speed)
+    curvature, gradient = problem.linearise(padded, moves, best.fit.starts)
+    predicted = []
+    for structure in larger:
+        small = pad_model(best.model, structure)
+        free = list_free_directions(small, structure, problem.speed)
         kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / STRUCTURE_SEARCH.coefficient_deviation**2
         gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
-        gains.append(PredictedGain(gain, candidate, len(kept)))
-    return gains
+        predicted.append(problem.compute_bic(best.fit.misfit - gain, len(kept)))
+    return predicted
 
 
 def _find_moves_within(
     large: MechanicalModel, moves: np.ndarray, small: MechanicalModel, free: np.ndarray
 ) -> np.ndarray:
     """Which ``moves`` of the large model change only coefficients that ``free`` moves of the small one do."""
-    allowed = np.zeros(moves.shape[1], dtype=bool)
-    at, at_small = 0, 0
-    changed = (free != 0.0).any(axis=0)
-    for name in COEFFICIENT_FIELDS:
-        size, size_small = getattr(large, name).size, getattr(small, name).size
-        allowed[at : at + size_small] = changed[at_small : at_small + size_small]
-        at, at_small = at + size, at_small + size_small
-    return np.array([allowed[row != 0.0].all() for row in moves])
+    allowed = []
+    for name, changed in split_coefficients((free != 0.0).any(axis=0), small).items():
+        allowed.append(np.pad(changed.ravel(), (0, getattr(large, name).size - changed.size)))
+    may_change = np.concatenate(allowed)
+    return np.array([may_change[row != 0.0].all() for row in moves])
 
 
 def fit_first_model(
-    problem: IdentificationProblem, basis: Basis, structure: ModelStructure, width: np.ndarray
+    problem: IdentificationProblem, basis: Basis, structure: ModelStructure, test_s: float
 ) -> MechanicalModel:
-    """A model of a given structure by weak-form regression.
+    """A model of a given structure by weak-form regression with test functions ``test_s`` [s] wide.
 
     With many coordinates some oscillate much faster than others, so that no single test function suits all,
     and have so little inertia that a ridge would outweigh it: models by several test functions and ridges
     are then compared by their misfit.
     """
-    dataset, rest = problem.dataset, np.median(problem.dataset.q, axis=0)
+    rest, ridge = np.median(problem.dataset.q, axis=0), problem.config.identify_ridge
 
     def regress(share: float, *ridges: float) -> list[MechanicalModel]:
-        test_s = share * problem.setting.test_s
         samples = build_weak_form_samples(
-            basis, dataset, problem.smooth, dataset.v, width_s=test_s, speed=width
+            basis, problem.dataset, problem.smooth, width_s=share * test_s, speed=0.02 * problem.speed
         )
         rows, known, names = build_regressors(samples, structure)
-        return [
-            build_model(samples, structure, solve_ridge(rows, known, ridge), names, rest) for ridge in ridges
-        ]
+        return [build_model(samples, structure, solve_ridge(rows, known, r), names, rest) for r in ridges]
 
-    ridge = problem.setting.ridge
     if problem.dataset.d > MAX_FEW_COORDINATES:
-        return min(
-            (m for share in STRUCTURE_SEARCH.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)),
-            key=problem.compute_misfit,
-        )
+        models = [
+            m for share in STRUCTURE_SEARCH.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)
+        ]
+        return min(models, key=problem.compute_misfit)
     model, damped = regress(1.0, ridge, 0.1)
     # noise may leave hardly any inertia in some direction, so that rollouts diverge: a strong ridge helps
     return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else damped
 
 
-@dataclass(frozen=True)
-class StructureFit:
-    """A model of a certain structure, refined by multiple shooting."""
-
-    bic: float  # Bayesian information criterion
-    model: MechanicalModel
-    structure: ModelStructure
-    fit: ShootingFit
-    moves: Float64[np.ndarray, "n K"]  # direction in the space of all coefficients of each unknown of the fit
-
-
-def search_structure(
-    problem: IdentificationProblem, basis: Basis, *, driven: bool, width: np.ndarray
-) -> StructureFit:
+def search_structure(problem: IdentificationProblem, basis: Basis, test_s: float) -> StructureFit:
     """Grow a linear model by the step with the best predicted criterion, as long as the criterion falls."""
-
-    def criterion(misfit: float, n: int) -> float:
-        # a misfit below half the noise's variance is overfitting and gains nothing
-        return problem.n_data * np.log(max(misfit / problem.n_data, 0.5)) + n * np.log(problem.n_data)
-
-    def refine(model: MechanicalModel, structure: ModelStructure, starts: np.ndarray) -> StructureFit:
-        model, fit, moves = problem.refine(model, structure, starts)
-        return StructureFit(criterion(fit.misfit, len(moves)), model, structure, fit, moves)
-
+    driven = problem.dataset.u.shape[1] > 0
     structure = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
-    best = refine(fit_first_model(problem, basis, structure, width), structure, problem.initial_states)
+    first = fit_first_model(problem, basis, structure, test_s)
+    best = problem.refine(first, structure, problem.initial_states)
     refused = set[ModelStructure]()
     while True:
         larger = [f for f in list_larger_structures(best.structure, basis, driven=driven) if f not in refused]
         # a residual below the noise leaves nothing to explain
         if not larger or best.fit.misfit < 0.6 * problem.n_data:
             return best
-        predicted = [
-            (
-                criterion(best.fit.misfit - candidate.gain, candidate.n),
-                candidate.structure.order,
-                candidate.structure,
-            )
-            for candidate in predict_gains(problem, best.model, larger, best.fit)
-        ]
-        bic, _, structure = min(predicted, key=lambda row: row[:2])
+        predicted = zip(predict_bics(problem, best, larger), larger, strict=True)
+        bic, structure = min(predicted, key=lambda row: (row[0], row[1].order))
         if bic > best.bic:
             return best
-        candidate = refine(pad_model(best.model, structure), structure, best.fit.starts)
+        candidate = problem.refine(pad_model(best.model, structure), structure, best.fit.starts)
         if candidate.bic < best.bic:
             reduction = 1.0 - STRUCTURE_SEARCH.min_misfit_reduction
             worthwhile = candidate.fit.misfit < reduction * best.fit.misfit
@@ -326,47 +284,25 @@ def add_unseen_terms(
     wider = replace(best.structure, potential=sizes[-1]) if sizes else best.structure
     padded = pad_model(best.model, wider).trim_basis()
     moves = list_free_directions(padded, wider, problem.speed)
-    sensitivity = problem.make_sensitivity(padded, moves)
-    linear = sensitivity.derivatives(np.zeros(len(moves)), best.fit.starts, problem.data)
-    return padded, eliminate_starts(*linear)[0], moves
+    return padded, problem.linearise(padded, moves, best.fit.starts)[0], moves
 
 
 def identify_model(
-    dataset: Dataset,
-    smooth: Float64[np.ndarray, "N d"],
-    sigma: Float64[np.ndarray, " d"],
-    period_s: float,
-    setting: IdentificationSettings,
-    windows: WindowSet,
-    *,
-    held: bool,
+    ready: PreparedDataset, windows: WindowSet, config: DiagnoseConfig, *, period_s: float
 ) -> IdentifiedModel:
-    """Identify the model of a simulator from ``windows`` of its recordings.
-
-    Args:
-        dataset: the recordings.
-        smooth: their smoothed coordinates.
-        sigma: standard deviation of the measurement noise.
-        period_s: natural period [s].
-        setting: numbers of the search.
-        windows: frames that are fitted.
-        held: inputs are held between samples (zero-order hold) instead of interpolated.
-    """
+    """Identify the model of a simulator, of natural period ``period_s``, from windows of recordings."""
+    dataset = ready.dataset
     data = ShootingData(
         windows.take(dataset.q),
-        windows.mask()[..., None] / sigma,
+        windows.mask()[..., None] / ready.sigma,
         1e-4 * np.concatenate([np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)]),
     )
-    steps = max(1, int(np.ceil(dataset.dt_s * setting.steps_per_period / period_s)))
-    speed = np.std(dataset.v, axis=0)
-    problem = IdentificationProblem(
-        dataset, smooth, speed, windows, data, steps, held, replace(setting, test_s=0.5 * period_s)
-    )
-    driven = dataset.u.shape[1] > 0
+    steps = max(1, int(np.ceil(dataset.dt_s * config.steps_per_period / period_s)))
+    problem = IdentificationProblem(dataset, ready.smooth, windows, data, steps, config)
     degree = {1: 7, 2: 5}.get(dataset.d, 3)  # of the polynomials; the number of terms grows fast with d
     candidates = []
     for basis in build_candidate_bases(dataset.q, degree=degree):
-        candidates.append(search_structure(problem, basis, driven=driven, width=0.02 * speed))
+        candidates.append(search_structure(problem, basis, 0.5 * period_s))
         # down to the noise, no other basis can be better
         if candidates[-1].fit.misfit < 1.1 * problem.n_data:
             break
@@ -403,5 +339,4 @@ def decouple_inertia(
     decoupled = shift_coefficients(model, -(scatter @ slope @ far) @ freedom)
     if np.linalg.eigvalsh(decoupled.mass[0]).min() <= 0.0:
         return model, freedom
-    values, vectors = np.linalg.eigh(scatter)
-    return decoupled, (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1] @ freedom
+    return decoupled, _principal_axes(scatter) @ freedom

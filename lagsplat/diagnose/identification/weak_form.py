@@ -23,45 +23,33 @@ class WeakFormSamples:
 
     basis: Basis
     dataset: Dataset
-    q: Float64[np.ndarray, "N d"]
-    v: Float64[np.ndarray, "N d"]
+    q: Float64[np.ndarray, "N d"]  # smoothed coordinates
     width: Float64[np.ndarray, " d"]  # speed below which dry friction is linear
     tests: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
     """Frames of each test function, and its values and its time derivative there, both times the step [s]."""
 
 
 def build_weak_form_samples(
-    basis: Basis, dataset: Dataset, q: np.ndarray, v: np.ndarray, *, width_s: float, speed: np.ndarray
+    basis: Basis, dataset: Dataset, q: np.ndarray, *, width_s: float, speed: np.ndarray
 ) -> WeakFormSamples:
-    """Place test functions ``(1 - s^2)^4`` on all clips, a quarter of their width apart.
+    """Place test functions ``(1 - s^2)^4``, ``width_s`` [s] wide, on all clips, a quarter of that apart.
 
-    Args:
-        basis: functions of the fields.
-        dataset: the recordings.
-        q: their smoothed coordinates (N, d).
-        v: velocities (N, d).
-        width_s: support of a test function [s].
-        speed: speed (d,) below which dry friction is linear.
+    ``q`` (N, d) are the smoothed coordinates, ``speed`` (d,) is that below which dry friction is linear.
     """
     tests = []
     for start, stop in dataset.clips:
         time = dataset.time[start:stop]
-        step = np.gradient(time) if stop - start > 1 else np.zeros(1)
         half = 0.5 * min(width_s, time[-1] - time[0])
         if stop - start < 8 or half <= 0.0:
             continue
+        step = np.gradient(time)
         for centre in np.arange(time[0] + half, time[-1] - half + 1e-9, 0.5 * half):
             first, last = np.searchsorted(time, [centre - half, centre + half + 1e-12])
             s = (time[first:last] - centre) / half
             keep = np.clip(1.0 - s * s, 0.0, None)
-            tests.append(
-                (
-                    slice(start + first, start + last),
-                    keep**4 * step[first:last],
-                    -8.0 * s / half * keep**3 * step[first:last],
-                )
-            )
-    return WeakFormSamples(basis, dataset, q, v, speed, tuple(tests))
+            value, rate = keep**4 * step[first:last], -8.0 * s / half * keep**3 * step[first:last]
+            tests.append((slice(start + first, start + last), value, rate))
+    return WeakFormSamples(basis, dataset, q, speed, tuple(tests))
 
 
 def build_regressors(
@@ -73,8 +61,8 @@ def build_regressors(
         ``rows`` (R, K), one for each test function and coordinate; ``known`` (R,); and for each column its
         field and the indices of its coefficient.
     """
-    q, v, u, d = samples.q, samples.v, samples.dataset.u, samples.q.shape[1]
-    phi, slope = samples.basis.values(q), samples.basis.slopes(q)
+    v, u, d = samples.dataset.v, samples.dataset.u, samples.q.shape[1]
+    phi, slope = samples.basis.values(samples.q), samples.basis.slopes(samples.q)
     forces, momenta, names = [], [], []  # a column is  int psi force + int psi' momentum, each (N, d)
 
     def add(name: tuple, force: np.ndarray, momentum: np.ndarray | None = None) -> None:
@@ -82,42 +70,35 @@ def build_regressors(
         forces.append(force)
         momenta.append(np.zeros_like(force) if momentum is None else momentum)
 
+    def at(i: int, values: np.ndarray) -> np.ndarray:
+        """A force (N, d) on coordinate ``i`` alone."""
+        force = np.zeros_like(v)
+        force[:, i] = values
+        return force
+
+    def couple(i: int, j: int) -> np.ndarray:
+        """The symmetric matrix of ones at (i, j) and (j, i) times the velocities."""
+        return at(i, v[:, j]) if i == j else at(i, v[:, j]) + at(j, v[:, i])
+
+    pairs = [(i, j) for i in range(d) for j in range(i, d)]
     for k in range(structure.mass):
-        for i in range(d):
-            for j in range(i, d):
-                if k == 0 and i == j == d - 1:
-                    continue  # fixed by the trace
-                column = np.zeros_like(v)
-                column[:, i] += v[:, j]
+        for i, j in pairs:
+            if k > 0 or i != j:
                 energy = v[:, i] * v[:, j] * (0.5 if i == j else 1.0)
-                if i != j:
-                    column[:, j] += v[:, i]
-                if k == 0 and i == j:
-                    column[:, d - 1] -= v[:, d - 1]
-                    add(("mass", k, i, j), np.zeros_like(v), -column)
-                    continue
-                add(("mass", k, i, j), -slope[:, k] * energy[:, None], -phi[:, k, None] * column)
+                add(("mass", k, i, j), -slope[:, k] * energy[:, None], -phi[:, k, None] * couple(i, j))
+            elif i < d - 1:  # the last entry of the diagonal is fixed by the trace
+                add(("mass", k, i, j), np.zeros_like(v), at(d - 1, v[:, d - 1]) - couple(i, j))
     for k in range(1, structure.potential):
         add(("potential", k), slope[:, k])
     for k in range(structure.damping):
-        for i in range(d):
-            for j in range(i, d):
-                column = np.zeros_like(v)
-                column[:, i] += v[:, j]
-                if i != j:
-                    column[:, j] += v[:, i]
-                add(("damping", k, i, j), phi[:, k, None] * column)
-    for k in range(structure.input_map):
-        for c in range(u.shape[1]):
-            for i in range(d):
-                column = np.zeros_like(v)
-                column[:, i] = -phi[:, k] * u[:, c]
-                add(("input_map", k, c, i), column)
-    for flag, name in ((structure.dry, "dry"), (structure.drag, "drag")):
-        for i in range(d) if flag else ():
-            column = np.zeros_like(v)
-            column[:, i] = np.tanh(v[:, i] / samples.width[i]) if name == "dry" else np.abs(v[:, i]) * v[:, i]
-            add((name, i), column)
+        for i, j in pairs:
+            add(("damping", k, i, j), phi[:, k, None] * couple(i, j))
+    for k, c, i in np.ndindex(structure.input_map, u.shape[1], d):
+        add(("input_map", k, c, i), at(i, -phi[:, k] * u[:, c]))
+    for i in range(d if structure.dry else 0):
+        add(("dry", i), at(i, np.tanh(v[:, i] / samples.width[i])))
+    for i in range(d if structure.drag else 0):
+        add(("drag", i), at(i, np.abs(v[:, i]) * v[:, i]))
     rows = _integrate(samples, np.array(forces), np.array(momenta))
     known = np.array([np.einsum("n,nd->d", rate, v[frames]) for frames, _, rate in samples.tests])
     return rows.reshape(-1, len(names)), known.reshape(-1), names
@@ -125,12 +106,11 @@ def build_regressors(
 
 def _integrate(samples: WeakFormSamples, forces: np.ndarray, momenta: np.ndarray) -> np.ndarray:
     """Integrals (T, d, K) of each column, given by forces and momenta (K, N, d), with each test function."""
-    return np.array(
-        [
-            np.einsum("n,knd->dk", psi, forces[:, frames]) + np.einsum("n,knd->dk", rate, momenta[:, frames])
-            for frames, psi, rate in samples.tests
-        ]
-    )
+    rows = []
+    for frames, value, rate in samples.tests:
+        force = np.einsum("n,knd->dk", value, forces[:, frames])
+        rows.append(force + np.einsum("n,knd->dk", rate, momenta[:, frames]))
+    return np.array(rows)
 
 
 def build_model(

@@ -14,11 +14,8 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import RECALIBRATION, DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
-from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit, eliminate_starts
-from lagsplat.diagnose.identification.estimated_simulator import (
-    EstimatedSimulator,
-    make_identification_settings,
-)
+from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, window_features
 from lagsplat.diagnose.identification.structure_search import IdentificationProblem, list_uncertain_directions
 from lagsplat.diagnose.inference.model_selection import SearchBudget, rank_hypotheses
@@ -124,16 +121,8 @@ def recalibrate_simulator(
 
     def take_half(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
-        return IdentificationProblem(
-            dataset=record,
-            smooth=ready.smooth,
-            speed=np.std(record.v, axis=0),
-            windows=chosen,
-            data=replace(problem, windows=chosen).data,
-            steps=rollout_model.steps,
-            held=rollout_model.held,
-            setting=make_identification_settings(config),
-        )
+        data = replace(problem, windows=chosen).data
+        return IdentificationProblem(record, ready.smooth, chosen, data, rollout_model.steps, config)
 
     training, validation = take_half(0), take_half(1)
     misfit, best = validation.compute_misfit(sim.model), None
@@ -182,7 +171,7 @@ def fit_coefficients(
     moves = find_independent_directions(trial, model, choose_structure(model, step))
     deviation = RECALIBRATION.move_deviation / np.sqrt(excess)
     prior = GaussianPrior(*(np.full(len(moves), value) for value in (0.0, deviation, -np.inf, 1e-4)))
-    iterations = RECALIBRATION.iterations_factor * trial.setting.iterations
+    iterations = RECALIBRATION.iterations_factor * trial.config.identify_iterations
     fit = trial.fit_moves(model, moves, trial.initial_states, prior, iterations=iterations)
     return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
 
@@ -214,12 +203,9 @@ def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) 
     The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
     appear as a change of mass in every diagnosis.
     """
-    model = fit.model
-    inertia = [(name == "mass") * getattr(model, name).ravel() for name in COEFFICIENT_FIELDS]
+    inertia = [(name == "mass") * getattr(fit.model, name).ravel() for name in COEFFICIENT_FIELDS]
     moves = np.concatenate([fit.moves, np.concatenate(inertia)[None]])
-    sensitivity = trial.make_sensitivity(model, moves)
-    linear = sensitivity.derivatives(np.zeros(len(moves)), fit.fit.starts, trial.data)
-    curvature, *_ = eliminate_starts(*linear)
+    curvature, _ = trial.linearise(fit.model, moves, fit.fit.starts)
     misfit = max(fit.fit.misfit / max(trial.n_data - len(fit.moves), 1.0), 1.0)
     per_sample = misfit * compute_autocorrelation_time(fit.fit.residual, trial.windows.length)
     return list_uncertain_directions(curvature / per_sample, moves, deviation=RECALIBRATION.move_deviation)

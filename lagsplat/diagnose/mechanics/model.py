@@ -20,6 +20,9 @@ from scipy.linalg import eig
 
 from lagsplat.diagnose.mechanics.basis import Basis
 
+States = Float64[np.ndarray, "N d"]
+Inputs = Float64[np.ndarray, "N n_u"]
+Matrices = Float64[np.ndarray, "N d d"]
 STIFFNESS_STEP = 1e-4
 """Step of central differences of a force, as a share of how far each coordinate usually moves."""
 
@@ -47,9 +50,6 @@ class Mechanics(Protocol):
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """``M(q)^-1 force(q, v, u)``, (N, d)."""
-
-    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """``M(q) a - force(q, v, u)``: the generalised force that is missing, (N, d)."""
 
 
 def compute_rest_frequencies_hz(
@@ -119,32 +119,25 @@ class MechanicalModel:
         used = max(len(self.mass), len(self.damping), len(self.potential), len(self.input_map))
         return replace(self, basis=self.basis.first(used))
 
-    def mass_at(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d d"]:
+    def mass_at(self, q: States) -> Matrices:
         """The mass matrix ``M(q)``."""
         return np.tensordot(self.basis.first(len(self.mass)).values(q), self.mass, 1)
 
-    def damping_at(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d d"]:
+    def damping_at(self, q: States) -> Matrices:
         """The damping matrix ``C(q)``."""
         return np.tensordot(self.basis.first(len(self.damping)).values(q), self.damping, 1)
 
-    def spring(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
+    def spring(self, q: States) -> States:
         """The conservative force ``-dV/dq``."""
         slopes = self.basis.first(len(self.potential)).slopes(q)
         return -np.einsum("nki,k->ni", slopes, self.potential)
 
-    def drive(
-        self, q: Float64[np.ndarray, "N d"], u: Float64[np.ndarray, "N n_u"]
-    ) -> Float64[np.ndarray, "N d"]:
+    def drive(self, q: States, u: Inputs) -> States:
         """The actuated force ``b(q)^T u``."""
         field = np.tensordot(self.basis.first(len(self.input_map)).values(q), self.input_map, 1)
         return np.einsum("nci,nc->ni", field, u)
 
-    def force(
-        self,
-        q: Float64[np.ndarray, "N d"],
-        v: Float64[np.ndarray, "N d"],
-        u: Float64[np.ndarray, "N n_u"],
-    ) -> Float64[np.ndarray, "N d"]:
+    def force(self, q: States, v: States, u: Inputs) -> States:
         """Everything but inertia in ``M a = force``."""
         slopes = np.einsum("nki,kab->niab", self.basis.first(len(self.mass)).slopes(q), self.mass)
         coriolis = np.einsum("niab,ni,nb->na", slopes, v, v)
@@ -153,24 +146,9 @@ class MechanicalModel:
         friction = friction + self.dry * np.tanh(v / self.width) + self.drag * np.abs(v) * v
         return self.spring(q) + self.drive(q, u) - coriolis - friction
 
-    def acceleration(
-        self,
-        q: Float64[np.ndarray, "N d"],
-        v: Float64[np.ndarray, "N d"],
-        u: Float64[np.ndarray, "N n_u"],
-    ) -> Float64[np.ndarray, "N d"]:
+    def acceleration(self, q: States, v: States, u: Inputs) -> States:
         """``M(q)^-1 force(q, v, u)``."""
         return np.linalg.solve(self.mass_at(q), self.force(q, v, u)[..., None])[..., 0]
-
-    def inverse_dynamics(
-        self,
-        q: Float64[np.ndarray, "N d"],
-        v: Float64[np.ndarray, "N d"],
-        a: Float64[np.ndarray, "N d"],
-        u: Float64[np.ndarray, "N n_u"],
-    ) -> Float64[np.ndarray, "N d"]:
-        """``M(q) a - force(q, v, u)``: the generalised force that is missing."""
-        return np.einsum("nij,nj->ni", self.mass_at(q), a) - self.force(q, v, u)
 
     @cached_property
     def inertia(self) -> Float64[np.ndarray, "d d"]:

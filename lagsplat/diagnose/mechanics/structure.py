@@ -1,6 +1,7 @@
 """The structure of a model: how many basis functions each field uses, and which coefficients are free."""
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float64
@@ -27,13 +28,10 @@ def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
     candidates = [make_polynomial_basis(degree, centre=centre, scale=scale)]
     if (high - low > MIN_ANGLE_RANGE).all():
         d = len(low)
-        multiples = [np.eye(d, dtype=np.int64)]
-        for i in range(d):
-            for j in range(i + 1, d):
-                pair = np.zeros((2, d), dtype=np.int64)
-                pair[:, i] = 1
-                pair[0, j], pair[1, j] = -1, 1
-                multiples.append(pair)
+        single = np.eye(d, dtype=np.int64)
+        multiples = [single]
+        for i, j in combinations(range(d), 2):
+            multiples.append(np.stack([single[i] - single[j], single[i] + single[j]]))
         # If these are angles, a polynomial that is fitted to one turn does not extend to the next.
         around = bool((high - low > 2.0 * np.pi).all())
         plain = make_polynomial_basis(1 if around else 2, centre=centre, scale=scale)
@@ -70,19 +68,15 @@ def list_larger_structures(structure: ModelStructure, basis: Basis, *, driven: b
     ends = list_field_sizes(basis)
     ahead = 2 if basis.order.shape[1] <= MAX_FEW_COORDINATES else 1
 
-    def larger(size: int) -> list[int]:
-        return [end for end in ends if end > size][:ahead]
+    def larger(size: int, most: int) -> list[int]:
+        return [end for end in [end for end in ends if end > size][:ahead] if end <= most]
 
-    candidates = [replace(structure, potential=end) for end in larger(structure.potential)]
-    candidates += [
-        replace(structure, mass=end) for end in larger(structure.mass) if end <= structure.potential
-    ]
-    candidates += [
-        replace(structure, damping=end) for end in larger(structure.damping) if end <= structure.potential
-    ]
+    most = structure.potential
+    candidates = [replace(structure, potential=end) for end in larger(structure.potential, ends[-1])]
+    candidates += [replace(structure, mass=end) for end in larger(structure.mass, most)]
+    candidates += [replace(structure, damping=end) for end in larger(structure.damping, most)]
     if driven:
-        sizes = larger(structure.input_map)
-        candidates += [replace(structure, input_map=end) for end in sizes if end <= structure.potential]
+        candidates += [replace(structure, input_map=end) for end in larger(structure.input_map, most)]
     if not structure.dry:
         candidates.append(replace(structure, dry=True))
     if not structure.drag:
@@ -113,50 +107,50 @@ def list_free_directions(model: MechanicalModel, structure: ModelStructure, spee
     speed ``speed`` (d,).
     """
     d, rows = model.d, []
-    blank = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
     height = float(np.abs(model.potential).max()) or 1.0
     reach = float(np.abs(model.input_map).max()) if model.input_map.size else 0.0
     loss = 0.05 * height / float(np.mean(speed * model.basis.scale))
 
     def add(name: str, value: float, *places: tuple[int, ...], minus: tuple[int, ...] | None = None) -> None:
-        field = np.zeros_like(blank[name])
+        fields = {field: np.zeros_like(getattr(model, field)) for field in COEFFICIENT_FIELDS}
         for place in places:
-            field[place] = value
+            fields[name][place] = value
         if minus is not None:
-            field[minus] = -value
-        rows.append(np.concatenate([(blank | {name: field})[n].ravel() for n in COEFFICIENT_FIELDS]))
+            fields[name][minus] = -value
+        rows.append(np.concatenate([field.ravel() for field in fields.values()]))
 
-    pairs = [(i, j) for i in range(d) for j in range(i, d)]
+    pairs, last = [(i, j) for i in range(d) for j in range(i, d)], (0, d - 1, d - 1)
     for k in range(structure.mass):
         for i, j in pairs:
-            size = float(np.sqrt(model.mass[0, i, i] * model.mass[0, j, j]))
-            last = (0, d - 1, d - 1)
-            if k == 0 and i == j == d - 1:
-                continue  # the scale of inertia is fixed by the trace
-            add("mass", size, (k, i, j), (k, j, i), minus=last if k == 0 and i == j else None)
+            if (k, i, j) != last:  # the scale of inertia is fixed by the trace
+                size = float(np.sqrt(model.mass[0, i, i] * model.mass[0, j, j]))
+                add("mass", size, (k, i, j), (k, j, i), minus=last if k == 0 and i == j else None)
     for k in range(1, structure.potential):
         add("potential", height, (k,))
     for k in range(structure.damping):
         for i, j in pairs:
             add("damping", loss, (k, i, j), (k, j, i))
-    for k in range(structure.input_map):
-        for c in range(model.n_u):
-            for i in range(d):
-                add("input_map", reach or 1.0, (k, c, i))
-    for name, flag, sizes in (("dry", structure.dry, loss * speed), ("drag", structure.drag, loss / speed)):
-        for i in range(d) if flag else ():
-            add(name, float(sizes[i]), (i,))
+    for place in np.ndindex(structure.input_map, model.n_u, d):
+        add("input_map", reach or 1.0, place)
+    for i in range(d if structure.dry else 0):
+        add("dry", float(loss * speed[i]), (i,))
+    for i in range(d if structure.drag else 0):
+        add("drag", float(loss / speed[i]), (i,))
     return np.array(rows)
+
+
+def split_coefficients(values: np.ndarray, model: MechanicalModel) -> dict[str, np.ndarray]:
+    """A row (K,) of one value for each coefficient, by field, shaped as the fields of ``model``."""
+    fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
+    parts = np.split(values, np.cumsum([field.size for field in fields])[:-1])
+    shaped = [part.reshape(field.shape) for part, field in zip(parts, fields, strict=True)]
+    return dict(zip(COEFFICIENT_FIELDS, shaped, strict=True))
 
 
 def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> MechanicalModel:
     """The model with ``change`` (K,) added to all its coefficients, in the order of `COEFFICIENT_FIELDS`."""
-    values, at = {}, 0
-    for name in COEFFICIENT_FIELDS:
-        value = getattr(model, name)
-        values[name] = value + change[at : at + value.size].reshape(value.shape)
-        at += value.size
-    return replace(model, **values)
+    changes = split_coefficients(change, model)
+    return replace(model, **{name: getattr(model, name) + part for name, part in changes.items()})
 
 
 def flatten_coefficients(model: MechanicalModel) -> Float64[np.ndarray, " K"]:

@@ -37,9 +37,6 @@ class Duffing:
     def acceleration(self, q, v, u):
         return self.force(q, v, u) / self.m
 
-    def inverse_dynamics(self, q, v, a, u):
-        return self.m * a - self.force(q, v, u)
-
 
 @dataclass(frozen=True)
 class TwoLink:
@@ -76,9 +73,6 @@ class TwoLink:
     def acceleration(self, q, v, u):
         return np.linalg.solve(self.mass_at(q), self.force(q, v, u)[..., None])[..., 0]
 
-    def inverse_dynamics(self, q, v, a, u):
-        return np.einsum("...ab,...b->...a", self.mass_at(q), a) - self.force(q, v, u)
-
 
 @dataclass(frozen=True)
 class Chain:
@@ -103,9 +97,6 @@ class Chain:
 
     def acceleration(self, q, v, u):
         return self.force(q, v, u)
-
-    def inverse_dynamics(self, q, v, a, u):
-        return a - self.force(q, v, u)
 
 
 def still(t, q, v, u):

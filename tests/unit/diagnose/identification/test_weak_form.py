@@ -47,7 +47,6 @@ def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate
         make_polynomial_basis(4, centre=np.zeros(1), scale=np.ones(1)),
         record,
         record.q,
-        record.v,
         width_s=0.5,
         speed=np.ones(1),
     )
@@ -63,7 +62,7 @@ def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate
 def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss() -> None:
     model = coupled()
     record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=4.0, u=[wave(), wave(1)])
-    samples = build_weak_form_samples(model.basis, record, record.q, record.v, width_s=0.6, speed=model.width)
+    samples = build_weak_form_samples(model.basis, record, record.q, width_s=0.6, speed=model.width)
     form = ModelStructure(model.basis.size, 3, model.basis.size, 3, dry=True, drag=True)
     rows, known, names = build_regressors(samples, form)
     # in units in which the trace of the constant inertia is d
@@ -79,7 +78,7 @@ def test_the_weak_equations_hold_of_a_coupled_mechanism_with_every_kind_of_loss(
 def test_an_oscillator_is_given_back_from_its_motion() -> None:
     model = oscillator()
     record = recorded(model, [0.8, 0.0], seconds=6.0, u=[wave()])
-    samples = build_weak_form_samples(model.basis, record, record.q, record.v, width_s=0.5, speed=np.ones(1))
+    samples = build_weak_form_samples(model.basis, record, record.q, width_s=0.5, speed=np.ones(1))
     form = ModelStructure(1, 1, model.basis.size, 1)
     rows, known, names = build_regressors(samples, form)
     found = build_model(samples, form, solve_ridge(rows, known, 1e-10), names, np.zeros(1))
