@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect, SampleEffect, make_direction
+from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect, make_direction
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -29,6 +29,7 @@ FIELDS = (*COEFFICIENT_FIELDS, "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
 REGION = ("q", "v", "u")
 NUISANCE = ("potential", "damping", "inputs", "warp", "n_u")
+PLACE = ("variant", "channel", "input_name")
 SAMPLING = ("held", "step_s", "dt_s", "q_names", "u_names")
 
 
@@ -50,17 +51,13 @@ class AugmentedSimulator:
 
     def parameters(self, n: int) -> dict[str, float]:
         """Parameters of effect number ``n`` in the units of the recording."""
-        before = sum(len(placed.effect.parameters) for placed in self.effects[:n])
-        placed = self.effects[n]
-        return placed.name_parameters(self.x[before : before + len(placed.effect.parameters)])
+        before, placed = sum(other.size for other in self.effects[:n]), self.effects[n]
+        return placed.name_parameters(self.x[before : before + placed.size])
 
     @property
     def bounded(self) -> bool:
         """Whether no effect feeds energy, so that a bounded push has a bounded response."""
-        return all(
-            placed.effect.keeps_energy_bounded(self.parameters(n), placed)
-            for n, placed in enumerate(self.effects)
-        )
+        return all(placed.keeps_energy_bounded(self.parameters(n)) for n, placed in enumerate(self.effects))
 
 
 def build_augmented(
@@ -72,25 +69,19 @@ def build_augmented(
     u_names: Sequence[str],
     region: OperatingRegion,
 ) -> AugmentedSimulator:
-    """The simulator that a fit describes.
+    """The simulator that a fit describes; ``x`` are its unknowns, those of the nuisance parameters last.
 
-    Effects of single samples move nothing and are left out. So are the unknowns that say where a memory began
-    in the recording.
-
-    Args:
-        rollout_model, effects: The model, the data, the settings and the effects of the fit.
-        x: Its unknowns: those of the effects, except effects of single samples, then the nuisance parameters.
-        q_names, u_names: Names of the coordinates and the inputs.
-        region: States and inputs of the real recording.
+    Effects of single samples move nothing, have no unknowns here and are left out. So are the unknowns that
+    say where a memory began in the recording. ``region`` is that of the real recording.
     """
     moving, kept, at = [], [], 0
-    for placed in (p for e in effects if not isinstance(e.effect, SampleEffect) for p in e.parts or (e,)):
+    for placed in (part for e in effects if e.changes_motion for part in e.parts or (e,)):
         effect = placed.effect
         if isinstance(effect, ForceEffect):
             effect = effect.with_free_memory(())
         kept += list(range(at, at + len(effect.parameters)))
         moving.append(replace(placed, effect=effect))
-        at += len(placed.effect.parameters)
+        at += placed.size
     x = np.asarray(x, dtype=np.float64)
     return AugmentedSimulator(
         model=rollout_model.model,
@@ -119,11 +110,11 @@ def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> A
             "version of it"
         )
     nuisance = replace(simulator.nuisance, directions=np.zeros((0, flatten_coefficients(model).size)))
-    effects, n = [], 0
+    effects = []
     for placed in simulator.effects:
         along = placed.direction and make_direction(placed.direction.name, placed.direction.covector, model)
         effects.append(replace(placed, direction=along))
-        n += len(placed.effect.parameters)
+    n = sum(placed.size for placed in effects)
     x = np.concatenate([simulator.x[:n], np.zeros(nuisance.size)])
     return replace(simulator, model=model, nuisance=nuisance, effects=tuple(effects), x=x)
 
@@ -137,19 +128,20 @@ def save_augmented(
     tensors |= {f"basis.{name}": getattr(simulator.model.basis, name) for name in BASIS}
     tensors |= {f"region.{name}": getattr(simulator.region, name) for name in REGION}
     tensors |= {"directions": nuisance.directions, "offset": nuisance.offset, "x": simulator.x}
+    effects = []
+    for n, placed in enumerate(simulator.effects):
+        entry: dict[str, Any] = {"name": placed.effect.name}
+        entry |= {name: getattr(placed, name) for name in PLACE}
+        entry["scales"] = asdict(placed.scales)
+        entry["direction"] = placed.direction and asdict(placed.direction)
+        effects.append({**entry, "parameters": simulator.parameters(n)})
     settings = {
         "nuisance": {name: getattr(nuisance, name) for name in NUISANCE},
-        "effects": [
-            {**_describe_effect(placed), "parameters": simulator.parameters(n)}
-            for n, placed in enumerate(simulator.effects)
-        ],
+        "effects": effects,
         **{name: getattr(simulator, name) for name in SAMPLING},
     }
-    save_artifact(
-        path,
-        tensors,
-        {**header, "kind": KIND, "schema": SCHEMA, "bounded": simulator.bounded, "augmented": settings},
-    )
+    made = {"kind": KIND, "schema": SCHEMA, "bounded": simulator.bounded, "augmented": settings}
+    save_artifact(path, tensors, {**header, **made})
 
 
 def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
@@ -176,17 +168,6 @@ def load_augmented(path: str | os.PathLike[str]) -> AugmentedSimulator:
     )
 
 
-def _describe_effect(placed: PlacedEffect) -> dict[str, Any]:
-    return {
-        "name": placed.effect.name,
-        "variant": placed.variant,
-        "channel": placed.channel,
-        "input_name": placed.input_name,
-        "scales": asdict(placed.scales),
-        "direction": None if placed.direction is None else asdict(placed.direction),
-    }
-
-
 def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> PlacedEffect:
     known = catalogue()
     if entry["name"] not in known:
@@ -196,5 +177,5 @@ def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> P
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
-    where = {name: entry[name] for name in ("variant", "channel", "input_name")}
+    where = {name: entry[name] for name in PLACE}
     return PlacedEffect(known[entry["name"]], Scales(**entry["scales"]), direction=direction or None, **where)

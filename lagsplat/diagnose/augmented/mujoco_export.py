@@ -33,9 +33,8 @@ class MujocoElement:
     """
 
     spec: Any  # the `mujoco.MjSpec`
-    selection: (
-        MujocoSelection  # compiled model, with the joints and actuators that are coordinates and inputs
-    )
+    selection: MujocoSelection
+    """The compiled model, with the joints and actuators that are coordinates and inputs."""
     joint: Any  # none where the effect acts on all of several joints
     actuator: Any
     inertia: float  # reference inertia: diagonal of the mass matrix at rest
@@ -80,12 +79,10 @@ class MujocoElement:
 
     def scale_springs(self, joints: Sequence[Any], ratio: float) -> tuple[str, ...]:
         """Multiply the springs of some joints."""
-        changed = []
         for joint in joints:
             joint.stiffness = ratio * np.asarray(joint.stiffness, dtype=np.float64)
-            if np.any(joint.stiffness):
-                changed.append(f"joint {joint.name}: stiffness {self.format_row(joint.stiffness)}")
-        return tuple(changed)
+        springs = [joint for joint in joints if np.any(joint.stiffness)]
+        return tuple(f"joint {each.name}: stiffness {self.format_row(each.stiffness)}" for each in springs)
 
     def raise_damping(self, power: int, acceleration: float) -> tuple[str, ...]:
         """Add to the joint's damping, linear (``power`` 0) or quadratic (1) in the speed."""

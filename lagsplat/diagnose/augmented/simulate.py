@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.effects.base import CoefficientBatch, InputEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
 from lagsplat.diagnose.estimation.rollout import RolloutModel
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
 
 Vector = Float64[np.ndarray, " d"]
 
@@ -21,7 +22,7 @@ class MissingAcceleration:
     """
 
     def __init__(self, simulator: AugmentedSimulator) -> None:
-        n = sum(len(placed.effect.parameters) for placed in simulator.effects)
+        n = sum(placed.size for placed in simulator.effects)
         self.augmented, self.plain = simulator, replace(simulator, effects=(), x=simulator.x[n:])
 
     def acceleration(self, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"]) -> Vector:
@@ -62,12 +63,8 @@ def simulate_augmented(
 ) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
     """Coordinates as a sensor would see them, and their rates, at the instants of ``signals``.
 
-    Args:
-        simulator: The augmented simulator.
-        signals: Instants with inputs and pushes.
-        q: Initial coordinates, by default the rest of the simulator.
-        v: Initial velocities, by default zero.
-        held: Whether inputs are held between samples, by default as in the simulator.
+    It starts at ``q``, by default the rest of the simulator, with velocity ``v``, by default zero. ``held``
+    says whether inputs are held between samples, by default as in the simulator.
 
     Raises:
         ValueError: another number of inputs, pushes or coordinates than the simulator's, less than two
@@ -76,16 +73,15 @@ def simulate_augmented(
     d, n = simulator.model.d, len(signals.time_s)
     at = [simulator.model.rest if q is None else q, np.zeros(d) if v is None else v]
     if signals.u.shape != (n, simulator.model.n_u):
+        names = ", ".join(simulator.u_names)
         raise ValueError(
-            f"{signals.u.shape[1]} input column(s), but the sim has {simulator.model.n_u}: "
-            + ", ".join(simulator.u_names)
+            f"{signals.u.shape[1]} input column(s), but the sim has {simulator.model.n_u}: {names}"
         )
     if signals.push is not None and signals.push.shape != (n, d):
         raise ValueError(f"{signals.push.shape[1]} column(s) of pushes f, but the sim has {d} coordinate(s)")
     if any(len(x) != d for x in at):
-        raise ValueError(
-            f"the initial state has {len(at[0])} + {len(at[1])} numbers, where {d} + {d} are wanted"
-        )
+        sizes = " + ".join(str(len(x)) for x in at)
+        raise ValueError(f"the initial state has {sizes} numbers, where {d} + {d} are wanted")
     if n < 2 or not (np.diff(signals.time_s) > 0.0).all():
         raise ValueError("give at least two instants, with times that increase")
     u = signals.u
@@ -112,42 +108,30 @@ def simulate_augmented(
 
 def _add_push_inputs(simulator: AugmentedSimulator) -> AugmentedSimulator:
     """The same with one more input for each coordinate, a force that no effect and no uncertainty changes."""
-    model, nuisance, d = simulator.model, simulator.nuisance, simulator.model.d
-    n_u, rows = model.n_u, max(len(model.input_map), 1)
-    input_map = np.zeros((rows, n_u + d, d))
-    input_map[: len(model.input_map), :n_u] = model.input_map
+    model, nuisance, d, n_u = simulator.model, simulator.nuisance, simulator.model.d, simulator.model.n_u
+    rows = len(model.input_map)
+    input_map = np.zeros((max(rows, 1), n_u + d, d))
+    input_map[:rows, :n_u] = model.input_map
     input_map[0, n_u:] = np.diag(np.diag(model.inertia))
-    moves, n = [], len(nuisance.directions)
-    at = 0
-    for name in CoefficientBatch.__dataclass_fields__:
-        value = getattr(model, name)
-        part = nuisance.directions[:, at : at + value.size].reshape(n, *value.shape)
-        at += value.size
-        if name == "input_map":
-            whole = np.zeros((n, *input_map.shape))
-            whole[:, : len(model.input_map), :n_u] = part
-            part = whole
-        moves.append(part.reshape(n, int(np.prod(part.shape[1:]))))
-    effects, unknowns = [], []
-    at = 0
+    known = {name: np.ones(getattr(model, name).shape, dtype=bool) for name in COEFFICIENT_FIELDS}
+    known["input_map"] = np.zeros(input_map.shape, dtype=bool)
+    known["input_map"][:rows, :n_u] = True
+    kept = np.concatenate([known[name].ravel() for name in COEFFICIENT_FIELDS])
+    directions = np.zeros((len(nuisance.directions), kept.size))
+    directions[:, kept] = nuisance.directions
+    effects, unknowns, at = [], [], 0
     for placed in simulator.effects:
-        size = len(placed.effect.parameters)
-        for copy in _split_by_channel(placed, n_u):
-            effects.append(copy)
-            unknowns.append(simulator.x[at : at + size])
-        at += size
-    x = [*unknowns, simulator.x[at : at + 2 + n_u], np.zeros(d), simulator.x[at + 2 + n_u :]]
+        # an effect of all inputs at once becomes one of each, so that it leaves the pushes alone
+        every_input = isinstance(placed.effect, InputEffect) and placed.channel is None
+        for channel in range(n_u) if every_input else [placed.channel]:
+            effects.append(replace(placed, channel=channel))
+            unknowns.append(simulator.x[at : at + placed.size])
+        at += placed.size
+    gains = at + 2 + n_u  # the nuisance parameters begin with two of the mechanism and the gain of each input
     return replace(
         simulator,
         model=replace(model, input_map=input_map),
-        nuisance=replace(nuisance, n_u=n_u + d, directions=np.concatenate(moves, axis=1)),
+        nuisance=replace(nuisance, n_u=n_u + d, directions=directions),
         effects=tuple(effects),
-        x=np.concatenate(x),
+        x=np.concatenate([*unknowns, simulator.x[at:gains], np.zeros(d), simulator.x[gains:]]),
     )
-
-
-def _split_by_channel(placed: PlacedEffect, n_u: int) -> list[PlacedEffect]:
-    """An effect of all inputs at once as one of each, so that it leaves the inputs of pushes alone."""
-    if isinstance(placed.effect, InputEffect) and placed.channel is None:
-        return [replace(placed, channel=channel) for channel in range(n_u)]
-    return [placed]

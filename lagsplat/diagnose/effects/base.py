@@ -26,14 +26,12 @@ Level = Literal["perception", "chart", "actuation", "dynamics"]
 
 @dataclass(frozen=True, kw_only=True)
 class EffectDescription:
-    """An effect in words that need no training in mechanics.
-
-    Its ``kind`` is a number of the simulation that is off, physics that it lacks, something that acts on the
-    mechanism from elsewhere, or camera and clock; "verdict" for `none` and `unknown`.
-    """
+    """An effect in words that need no training in mechanics."""
 
     title: str  # completes "the cause is ..."
     kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
+    """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
+    from elsewhere, or camera and clock; "verdict" for `none` and `unknown`."""
     what: str  # what the effect is, one sentence
     symptom: str  # how it shows in a recording, one sentence
     remedy: str  # what to do about it, one sentence
@@ -53,9 +51,8 @@ class Effect(EffectDescription):
     """One entry of the catalogue; use one of the five subclasses, which say where the effect enters."""
 
     name: str
-    group: (
-        str  # A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera
-    )
+    group: str
+    """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
     number: int = 100  # position within the group wherever effects are listed for people
     equation: str
     parameters: tuple[EffectParameter, ...]
@@ -107,20 +104,6 @@ class Effect(EffectDescription):
     def amplitudes(self) -> int:
         """Number of leading parameters that are amplitudes: those without a grid of values."""
         return next((n for n, p in enumerate(self.parameters) if p.grid), len(self.parameters))
-
-    def find_places(self, problem: "PlacementProblem") -> list["PlacedEffect"]:
-        """The effect at every place of a mechanism where it may act."""
-        return (self.place or place_effect)(self, problem)
-
-    def keeps_energy_bounded(self, parameters: Mapping[str, float], placed: "PlacedEffect") -> bool:
-        """Whether a bounded input has a bounded response with this effect, if it has one without.
-
-        Effects of inputs, cameras and clocks feed no energy; of forces and changes of the model the effect
-        itself says so.
-        """
-        if self.energy_bounded is not None:
-            return self.energy_bounded(parameters, placed)
-        return self.passive or not isinstance(self, ForceEffect | ModelEffect)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,17 +247,25 @@ class PlacedEffect:
         """The coordinate or the input where it acts; None on the whole and everywhere."""
         return self.direction.name if self.direction else self.input_name
 
+    def keeps_energy_bounded(self, parameters: Mapping[str, float]) -> bool:
+        """Whether a bounded input has a bounded response with this effect, if it has one without.
+
+        Effects of inputs, cameras and clocks feed no energy; forces and changes of models say it.
+        """
+        if self.effect.energy_bounded is not None:
+            return self.effect.energy_bounded(parameters, self)
+        return self.effect.passive or not isinstance(self.effect, ForceEffect | ModelEffect)
+
     def to_physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""
+        physical = np.zeros(x.shape)
         if self.parts:
             split = np.split(x, len(self.parts), axis=1)
-            return np.concatenate(
-                [part.to_physical(values) for part, values in zip(self.parts, split, strict=True)], 1
-            )
-        columns = [
-            p.prior.value(x[:, i]) * self.scales.of(p.kind) for i, p in enumerate(self.effect.parameters)
-        ]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(x), 0))
+            rows = [part.to_physical(values) for part, values in zip(self.parts, split, strict=True)]
+            return np.concatenate(rows, axis=1)
+        for i, p in enumerate(self.effect.parameters):
+            physical[:, i] = p.prior.value(x[:, i]) * self.scales.of(p.kind)
+        return physical
 
     def name_parameters(self, x: Float64[np.ndarray, " k"]) -> dict[str, float]:
         """Parameters by name, in the units of the recording and ratios as such, for unknowns ``x``."""
@@ -313,48 +304,27 @@ def place_effect(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect
     """Every place that ``effect.along`` and ``effect.between_variants`` allow, variant by variant."""
     placed: list[PlacedEffect] = []
     if isinstance(effect, InputEffect) and effect.along == "each":
-        return _with_joint_placement(
-            [
-                PlacedEffect(effect, scales, "", None, channel, name)
-                for channel, name, scales in problem.inputs
-            ]
-        )
+        for channel, name, scales in problem.inputs:
+            placed.append(PlacedEffect(effect, scales, channel=channel, input_name=name))
+        return _add_joint_placement(placed)
     if isinstance(effect, InputEffect) and not problem.inputs:
         return placed
+    # a force on the whole of one coordinate is the force along it
+    single = isinstance(effect, ForceEffect) and len(problem.coordinates) == 1
     for variant in effect.variants:
         if effect.along != "whole":
             placed += place_along_coordinates(effect, variant, problem)
         if variant in effect.between_variants:
             placed += _place_along(effect, variant, problem.pairs, problem)
-        # a force on the whole of one coordinate is the force along it
-        same = isinstance(effect, ForceEffect) and len(problem.coordinates) == 1
-        if effect.along == "whole" or (effect.along == "both" and variant == effect.variants[0] and not same):
+        both = effect.along == "both" and variant == effect.variants[0]
+        if effect.along == "whole" or (both and not single):
             placed.append(PlacedEffect(effect, problem.whole, variant))
     return placed
 
 
 def place_along_coordinates(effect: Effect, variant: str, problem: PlacementProblem) -> list[PlacedEffect]:
     """The effect along each coordinate, and everywhere at once if it may act so."""
-    return _with_joint_placement(_place_along(effect, variant, problem.coordinates, problem))
-
-
-def place_everywhere(places: Sequence[PlacedEffect]) -> PlacedEffect:
-    """One effect at all of ``places`` at once, its parameters named after the place that each belongs to.
-
-    Its parameters are all amplitudes, or none is; then the search begins with the same at every place.
-    """
-    effect = places[0].effect
-    parameters = tuple(
-        replace(p, name=f"{p.name} {placed.location}") for placed in places for p in effect.parameters
-    )
-    same = tuple(point * len(places) for point in itertools.product(*(p.grid for p in effect.parameters)))
-    return PlacedEffect(
-        replace(effect, parameters=parameters),
-        places[0].scales,
-        places[0].variant,
-        grid=None if effect.amplitudes else same,
-        parts=tuple(places),
-    )
+    return _add_joint_placement(_place_along(effect, variant, problem.coordinates, problem))
 
 
 def _place_along(
@@ -362,13 +332,22 @@ def _place_along(
 ) -> list[PlacedEffect]:
     if isinstance(effect, ForceEffect) and effect.memory_kinds:
         effect = effect.with_free_memory(problem.longest_clips)
-    return [
-        PlacedEffect(effect, problem.measure(direction, variant), variant, direction)
-        for direction in directions
-    ]
+    return [PlacedEffect(effect, problem.measure(along, variant), variant, along) for along in directions]
 
 
-def _with_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:
+def _add_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:
+    """The places, and all of them where something moves at once, if the effect may act so.
+
+    A parameter is then named after the place that it belongs to. Parameters are all amplitudes, or none is;
+    then the search begins with the same at every place.
+    """
     moving = [placed for placed in places if placed.scales.reach > 0.0]
-    joint = len(moving) > 1 and moving[0].effect.acts_everywhere
-    return [*places, *([place_everywhere(moving)] if joint else [])]
+    if len(moving) < 2 or not moving[0].effect.acts_everywhere:
+        return places
+    effect, parameters = moving[0].effect, []
+    for placed in moving:
+        parameters += [replace(p, name=f"{p.name} {placed.location}") for p in effect.parameters]
+    same = tuple(point * len(moving) for point in itertools.product(*(p.grid for p in effect.parameters)))
+    joint, grid = replace(effect, parameters=tuple(parameters)), None if effect.amplitudes else same
+    everywhere = PlacedEffect(joint, moving[0].scales, moving[0].variant, grid=grid, parts=tuple(moving))
+    return [*places, everywhere]

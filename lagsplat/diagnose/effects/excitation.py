@@ -38,25 +38,22 @@ def assess_excitation(
 ) -> tuple[Excitation, ...]:
     """Grade a recording for every effect of the catalogue, effects of inputs last."""
     measures = measure_excitation(trajectories, period_s=period_s, noise=noise)
-    effects = list_effects()
-    of_inputs = [effect for effect in effects if isinstance(effect, InputEffect)]
-    others = [effect for effect in effects if not isinstance(effect, InputEffect)]
-    return (
-        *(_make_row(effect.name, effect.excitation(measures)) for effect in others),
-        *(_assess_input_effect(effect, measures, closed_loop) for effect in of_inputs),
-    )
+    rows = []
+    for effect in sorted(list_effects(), key=lambda effect: isinstance(effect, InputEffect)):
+        inputs: tuple[str, ...] = ()
+        if isinstance(effect, InputEffect):
+            grade, inputs = _grade_inputs(effect, measures, closed_loop)
+        else:
+            grade = effect.excitation(measures)
+        record = "" if grade.excited == "yes" else grade.record
+        rows.append(Excitation(effect.name, grade.excited, grade.reason, record, inputs))
+    return tuple(rows)
 
 
-def _make_row(effect: str, grade: Grade, inputs: tuple[str, ...] = ()) -> Excitation:
-    record = "" if grade.excited == "yes" else grade.record
-    return Excitation(effect, grade.excited, grade.reason, record, inputs)
-
-
-def _assess_input_effect(
+def _grade_inputs(
     effect: Effect, measures: ExcitationMeasures, closed_loop: Sequence[str]
-) -> Excitation:
-    """The grade of the input that excites it best; an input in a closed loop counts as weak."""
-    order = ("no", "weak", "yes")
+) -> tuple[Grade, tuple[str, ...]]:
+    """The grade of the inputs that excite it best, and their names; in a closed loop one counts as weak."""
     grades = {
         channel.name: effect.excitation(channel, measures) for channel in measures.inputs if channel.moves
     }
@@ -66,13 +63,13 @@ def _assess_input_effect(
             f"record {20 * measures.period_s:.3g} s with the input swinging through zero, slowly and up to "
             "twice the natural frequency"
         )
-        return Excitation(effect.name, "no", reason, record)
+        return Grade("no", reason, record), ()
     for name in closed_loop:
         if name in grades and grades[name].excited == "yes":
             grades[name] = Grade("weak", f"{name} answers the motion", "drive it open loop")
-    best = max(grades.values(), key=lambda grade: order.index(grade.excited))
+    best = max(grades.values(), key=lambda grade: ("no", "weak", "yes").index(grade.excited))
     inputs = tuple(name for name, grade in grades.items() if grade.excited == best.excited != "no")
-    return _make_row(effect.name, best, inputs)
+    return best, inputs
 
 
 def make_grade(yes: bool, weak: bool, reason: str, record: str) -> Grade:

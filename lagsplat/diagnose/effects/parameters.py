@@ -21,7 +21,6 @@ ParameterKind = Literal[
     "reach",
     "ratio",
     "log_ratio",
-    "frequency",
     "per_coordinate",
     "cubic",
     "drift",
@@ -41,7 +40,6 @@ UNITS: Mapping[ParameterKind, str] = {
     "reach": "{q}",
     "ratio": "1",
     "log_ratio": "1",
-    "frequency": "Hz",
     "per_coordinate": "1/{q}",
     "cubic": "1/({q}^2 s^2)",
     "drift": "{q}/s",
@@ -77,7 +75,6 @@ class Scales:
             "reach": self.reach,
             "ratio": 1.0,
             "log_ratio": 1.0,
-            "frequency": v / s,
             "per_coordinate": 1.0 / s,
             "cubic": v * v / s**4,
             "drift": s / self.duration_s,
@@ -119,6 +116,9 @@ class HalfNormal(Normal):
         return Normal.log_density(self, x) + math.log(2.0)
 
 
+LARGEST_EXPONENT = 690.0  # largest logarithm whose exponential is neither zero nor infinite
+
+
 @dataclass(frozen=True)
 class LogNormal(Normal):
     """Log-normal prior; the unknown of the fit is the logarithm, of which ``mean`` and ``deviation`` are."""
@@ -130,9 +130,6 @@ class LogNormal(Normal):
     def unknown(self, value: float) -> float:
         """The unknown of a parameter."""
         return math.log(value)
-
-
-LARGEST_EXPONENT = 690.0  # largest logarithm whose exponential is neither zero nor infinite
 
 
 def log_normal(median: float, spread: float) -> LogNormal:

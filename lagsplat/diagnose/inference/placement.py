@@ -17,6 +17,7 @@ from lagsplat.diagnose.effects.base import (
     PlacedEffect,
     PlacementProblem,
     make_direction,
+    place_effect,
 )
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
@@ -65,9 +66,11 @@ def place_effects(
         longest_clips=tuple(sorted(by_length[: PLACEMENT.free_memory_clips].tolist())),
         constant_inertia=len(model.mass) == 1,
     )
-    effects = (effect for effect in catalogue().values() if effect.name not in without)
-    places = [place for effect in effects for place in effect.find_places(problem)]
-    return [place for place in places if place.scales.reach > 0.0]
+    placed = []
+    for effect in catalogue().values():
+        if effect.name not in without:
+            placed += (effect.place or place_effect)(effect, problem)
+    return [place for place in placed if place.scales.reach > 0.0]
 
 
 def _rms(x: Float64[np.ndarray, " N"]) -> float:

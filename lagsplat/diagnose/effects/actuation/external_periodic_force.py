@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``cosine cos(omega t) + sine sin(omega t)``."""
     return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
@@ -31,13 +30,10 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def limit_period(effect: Effect, scales: Scales) -> Effect:
     """The effect with a period of at most the length of the recording; a longer wave is a drift."""
+    *amplitudes, frequency = effect.parameters
     slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
-    known = effect.parameters
-    bounded = tuple(
-        replace(p, prior=replace(p.prior, lowest=slowest)) if p.name == "angular_frequency" else p
-        for p in known
-    )
-    return replace(effect, parameters=bounded)
+    bounded = replace(frequency, prior=replace(frequency.prior, lowest=slowest))
+    return replace(effect, parameters=(*amplitudes, bounded))
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -62,9 +58,8 @@ def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
     """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
     longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
-    return min(
-        1.0, abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi) / IMPLAUSIBILITY.certain_cycles
-    )
+    cycles = abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi)
+    return min(1.0, cycles / IMPLAUSIBILITY.certain_cycles)
 
 
 EFFECT = ForceEffect(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,7 +26,6 @@ N_PUSHES = 3  # most pushes in one recording; the law below is compiled for as m
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return the sum of pushes, each half a ``duration`` to both sides of its ``time``, with smooth edges."""
     total = 0.0
@@ -50,10 +49,8 @@ def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """It is a single event, which shows wherever the rest of the motion is predicted well."""
-    reason, record = (
-        f"{measures.periods:.3g} periods of motion",
-        f"record {10 * measures.period_s:.3g} s or more",
-    )
+    reason = f"{measures.periods:.3g} periods of motion"
+    record = f"record {10 * measures.period_s:.3g} s or more"
     return make_grade(measures.periods > 6, measures.periods > 3, reason, record)
 
 

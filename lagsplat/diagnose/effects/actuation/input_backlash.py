@@ -3,7 +3,7 @@
 Source: the play operator, Brokate and Sprekels, "Hysteresis and Phase Transitions", 1996.
 """
 
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -16,7 +16,6 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_no
 
 
 @njit(cache=True)
-@no_type_check
 def _play(values, begins, half, start, out):
     for p in range(half.shape[0]):
         for n in range(values.shape[0]):

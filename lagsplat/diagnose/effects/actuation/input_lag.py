@@ -1,7 +1,7 @@
 """An actuator that follows its command late: ``time_constant du/dt = command - u``."""
 
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,7 +13,6 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 @njit(cache=True)
-@no_type_check
 def _follow(time, values, begins, constant, out):
     """Write the exact response to a command that is linear between samples."""
     for p in range(constant.shape[0]):

@@ -19,10 +19,9 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray
 
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
     """It shows in inputs of several sizes, of which the large ones get too weak a response."""
+    reason = f"{channel.name} peaks at {channel.levels} size(s)"
     record = f"drive it at three sizes up to its limit, {5 * measures.period_s:.3g} s each"
-    return make_grade(
-        channel.levels >= 3, channel.levels >= 2, f"{channel.name} peaks at {channel.levels} size(s)", record
-    )
+    return make_grade(channel.levels >= 3, channel.levels >= 2, reason, record)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:

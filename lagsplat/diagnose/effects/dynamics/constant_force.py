@@ -1,7 +1,7 @@
 """A constant force: tilt, preload, an offset of an actuator."""
 
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 from numpy.polynomial import Polynomial
 
@@ -13,7 +13,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``acceleration``."""
     return theta[0]
@@ -29,7 +28,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Shift where the spring of the joint is slack; a joint without a spring gets a very weak one."""
-    return tuple(element.add_spring(Polynomial([-values["acceleration"] * element.inertia])))
+    return element.add_spring(Polynomial([-values["acceleration"] * element.inertia]))
 
 
 EFFECT = ForceEffect(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
@@ -12,7 +12,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-acceleration sign(v)``, smoothed near zero."""
     return -theta[0] * math.tanh(v / theta[1])
@@ -45,13 +44,7 @@ EFFECT = ForceEffect(
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     passive=True,
     excitation=grade_excitation,
-    confusable_with=(
-        "stribeck_friction",
-        "load_dependent_friction",
-        "hysteresis",
-        "input_dead_zone",
-        "input_backlash",
-    ),
+    confusable_with=("stribeck_friction", "load_dependent_friction", "hysteresis", "input_dead_zone"),
     mujoco=to_mujoco,
     title="dry friction",
     kind="mechanism",

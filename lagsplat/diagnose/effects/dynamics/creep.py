@@ -1,7 +1,6 @@
 """Viscoelastic creep of a linear solid: a spring in series with a dashpot, beside the mechanism's spring."""
 
 from collections.abc import Mapping
-from typing import no_type_check
 
 from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
@@ -12,7 +11,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-k (s - x)`` with ``dx/dt = (s - x) / time_constant`` and ``k = stiffness_ratio omega^2``."""
     late = s - memory[0]

@@ -1,7 +1,7 @@
 """A spring that hardens or softens: ``Q = -m coefficient s^3``."""
 
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 from numpy.polynomial import Polynomial
 
@@ -13,7 +13,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coefficient s^3``."""
     return -theta[0] * s * s * s
@@ -30,7 +29,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Add a cubic term to the spring of the joint."""
     stretch = Polynomial([-element.rest, 1.0])
-    return tuple(element.add_spring(values["coefficient"] * element.inertia * stretch**3))
+    return element.add_spring(values["coefficient"] * element.inertia * stretch**3)
 
 
 EFFECT = ForceEffect(

@@ -5,22 +5,22 @@ Source: Hunt and Crossley, doi:10.1115/1.3423596.
 
 import math
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales, log_normal
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
+SIDE = {"upper": 1.0, "lower": -1.0}
 LIMIT_IMPEDANCE = 0.005
 """Impedance of a MuJoCo limit that adds its force to the others instead of taking their place."""
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-stiffness_ratio omega^2 depth (1 + loss v)``, never pulling; the depth starts smoothly."""
     side, width = theta[4], theta[5]
@@ -29,18 +29,11 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -side * theta[0] * theta[3] * depth * max(1.0 + theta[2] * side * v, 0.0)
 
 
-def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
-    return scales.stiffness, (1.0 if variant == "upper" else -1.0), 0.01 * scales.coordinate
-
-
 def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
     """The position as a value of the coordinate instead of a distance from rest."""
     assert placed.direction is not None
-    away = parameters["position"] * (1.0 if placed.variant == "upper" else -1.0)
-    return {
-        "position": placed.direction.rest + away,
-        "stiffness_ratio": parameters["stiffness_ratio"],
-    }
+    position = placed.direction.rest + parameters["position"] * SIDE[placed.variant]
+    return {"position": position, "stiffness_ratio": parameters["stiffness_ratio"]}
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -53,15 +46,12 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Limit the range of the joint on one side, if it has no limit yet."""
     joint, push = element.joint, float(values["stiffness_ratio"]) * element.stiffness
-    if element.variant not in ("upper", "lower") or push <= 0.0:
-        return ()
-    if element.selection.model.joint(joint.name).limited[0]:
+    if push <= 0.0 or element.selection.model.joint(joint.name).limited[0]:
         return ()
     far = 1e3 * (1.0 + abs(values["position"]))
-    side = 1.0 if element.variant == "upper" else -1.0
-    edge = element.rest + side * float(values["position"])
+    edge = element.rest + SIDE[element.variant] * float(values["position"])
     joint.limited = int(element.mujoco.mjtLimited.mjLIMITED_TRUE)
-    between = np.array([edge - far, edge] if side > 0.0 else [edge, edge + far])
+    between = np.array([edge - far, edge] if element.variant == "upper" else [edge, edge + far])
     joint.range = between / element.angle_unit
     # a negative reference is a stiffness; so low an impedance leaves the other forces as they are
     joint.solref_limit = np.array([-push * element.inertia * element.compliance, -1e-9])
@@ -84,7 +74,7 @@ EFFECT = ForceEffect(
     needs="motion past the stop at three speeds",
     variants=("upper", "lower"),
     law=force,
-    constants=_constants,
+    constants=lambda scales, variant: (scales.stiffness, SIDE[variant], 0.01 * scales.coordinate),
     passive=True,
     report_parameters=_report_parameters,
     excitation=grade_excitation,

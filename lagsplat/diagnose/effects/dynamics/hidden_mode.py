@@ -1,7 +1,5 @@
 """A degree of freedom that the simulation lacks: a second mass on a spring that is carried along."""
 
-from typing import no_type_check
-
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
@@ -10,7 +8,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``mass_ratio (omega^2 x + 2 zeta omega dx/dt)``, ``x`` from the first mass to the second."""
     omega = theta[1]

@@ -3,8 +3,6 @@
 Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780470513200.
 """
 
-from typing import no_type_check
-
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
@@ -13,7 +11,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-acceleration z`` with ``dz/dt = (v - |v| z / 2 - v |z| / 2) / displacement``."""
     z = memory[0]

@@ -1,7 +1,5 @@
 """Free play about rest: within ``gap`` of it the spring does not act."""
 
-from typing import no_type_check
-
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
@@ -10,7 +8,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``omega^2 clip(s, -gap, gap)``, which cancels the spring within the gap."""
     return theta[1] * min(max(s, -theta[0]), theta[0])

@@ -6,19 +6,14 @@ A spring that is missed beside gravity is no share of the potential: at a large 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import (
-    CoefficientBatch,
-    ForceEffect,
-    Grade,
-    PlacedEffect,
-)
+from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -29,7 +24,6 @@ SOFT = 0.1
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``(ratio - 1)`` times the conservative force of the model, or of a spring ``-omega^2 s``."""
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
@@ -42,16 +36,10 @@ def scale_potential(
     return replace(coefficients, potential=coefficients.potential * np.exp(theta[:, :1]))
 
 
-def _shares(scales: Scales, variant: str) -> tuple[float, float]:
-    """The share of the model's own force, and the ``omega^2`` of a spring."""
-    return (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
-
-
 def choose_stiffness_unit(scales: Scales, variant: str) -> float:
     """What a ratio is of [1/s^2]: the stiffness at rest, or of the motion for a spring beside hardly any."""
     of_motion = scales.of("rate") ** 2
-    soft = variant == SPRING and scales.stiffness <= SOFT * of_motion
-    return of_motion if soft else scales.stiffness
+    return of_motion if variant == SPRING and scales.stiffness <= SOFT * of_motion else scales.stiffness
 
 
 def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
@@ -73,7 +61,7 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale gravity, springs and what servos hold with; or add a spring."""
     if element.variant == SPRING:
         added = (values["ratio"] - 1.0) * element.stiffness * element.inertia
-        return tuple(element.add_spring(added * Polynomial([-element.rest, 1.0])))
+        return element.add_spring(added * Polynomial([-element.rest, 1.0]))
     ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
     if element.joint is not None and len(element.selection.joints) > 1:
         return () if gravity.any() else element.scale_springs([element.joint], ratio)
@@ -99,7 +87,9 @@ EFFECT = ForceEffect(
     along="both",
     between_variants=(SPRING,),
     law=force,
-    constants=_shares,
+    constants=lambda scales, variant: (
+        (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
+    ),
     whole=scale_potential,
     # a scaled potential keeps its bounds; a spring that is taken away may not
     energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,

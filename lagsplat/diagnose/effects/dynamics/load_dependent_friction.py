@@ -4,7 +4,6 @@ Source: Duclusaud et al., "Extended friction models for the physics simulation o
 """
 
 import math
-from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
@@ -14,7 +13,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-(acceleration + load_factor |load|) sign(v)``; spring and drive make up the load."""
     return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])

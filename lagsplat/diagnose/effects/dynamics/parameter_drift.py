@@ -1,7 +1,5 @@
 """A parameter that changes slowly: the stiffness, or a load, by ``rate`` a second and a quadratic term."""
 
-from typing import no_type_check
-
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
@@ -10,7 +8,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``rate t + bend t^2 / duration`` times the conservative force or the unit of acceleration."""
     return (theta[0] + theta[1] * t / theta[3]) * t * (spring if theta[2] == 0.0 else theta[2])

@@ -1,7 +1,7 @@
 """Drag that grows with the square of the speed: ``Q = -m coefficient |v| v``."""
 
 from collections.abc import Mapping
-from typing import Any, no_type_check
+from typing import Any
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
@@ -11,7 +11,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coefficient |v| v``."""
     return -theta[0] * abs(v) * v
@@ -25,7 +24,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the damping of the joint that grows with the square of the speed."""
-    return tuple(element.raise_damping(1, values["coefficient"]))
+    return element.raise_damping(1, values["coefficient"])
 
 
 EFFECT = ForceEffect(

@@ -4,7 +4,6 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 """
 
 import math
-from typing import no_type_check
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
@@ -14,7 +13,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
     ratio = v / theta[2]

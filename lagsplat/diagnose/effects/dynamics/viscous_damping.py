@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, no_type_check
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,7 +15,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
-@no_type_check
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-rate v``."""
     return -theta[0] * v
@@ -38,7 +37,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the linear damping of the joint."""
-    return tuple(element.raise_damping(0, values["rate"]))
+    return element.raise_damping(0, values["rate"])
 
 
 EFFECT = ForceEffect(
@@ -56,14 +55,7 @@ EFFECT = ForceEffect(
     whole=add_damping,
     energy_bounded=lambda p, placed: p["rate"] >= 0.0,
     excitation=grade_excitation,
-    confusable_with=(
-        "mass_change",
-        "linear_stiffness",
-        "input_gain",
-        "creep",
-        "parameter_drift",
-        "quadratic_drag",
-    ),
+    confusable_with=("mass_change", "linear_stiffness", "input_gain", "creep", "quadratic_drag"),
     absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="another viscous damping than the simulation's",
