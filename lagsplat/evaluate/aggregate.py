@@ -18,7 +18,8 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     With several runs ``low`` and ``high`` are the extremes over all runs; with a single run they are its
     interval over windows. ``spread`` says which. A score that some runs lack is the median of the others,
-    and ``n`` counts these. Diverged rollouts are summed, not averaged.
+    and ``n`` counts these. Diverged rollouts are summed, not averaged. ``training`` holds steps and frames of
+    the first run and the mean wall time, None where unknown.
 
     Raises:
         ValueError: no run, or runs of different recordings, latent dimensions or kinds of dynamics.
@@ -30,31 +31,22 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         if len(values) > 1:
             raise ValueError(f"runs of different {key} cannot share a row: {sorted(values)}")
     reach = sorted({run["scores"]["external_force"] for run in runs})
+    spent = [run.get("training") or {} for run in runs]
+    wall_s = [training["wall_s"] for training in spent if training.get("wall_s") is not None]
     return {
-        "schema": runs[0]["schema"],
-        "recording": runs[0]["recording"],
-        "d": runs[0]["d"],
-        "dynamics": runs[0]["dynamics"],
+        **{key: runs[0][key] for key in ("schema", "recording", "d", "dynamics")},
         "n_seeds": len(runs),
         "spread": SPREAD_OVER_SEEDS if len(runs) > 1 else SPREAD_OVER_WINDOWS,
         "scores": {name: _spread(runs, name) for name in MEASURED},
         "external_force": " or ".join(reach),
-        "diverged": sum(run["scores"]["diverged"] for run in runs),
-        "rollouts": sum(run["scores"]["rollouts"] for run in runs),
-        "training": _training(runs),
+        **{key: sum(run["scores"][key] for run in runs) for key in ("diverged", "rollouts")},
+        "training": {
+            "steps": spent[0].get("steps"),
+            "frames_seen": spent[0].get("frames_seen"),
+            "wall_s": float(np.mean(wall_s)) if wall_s else None,
+        },
         "frequency_windows": runs[0]["frequency"]["n_windows"],
         "frequency_estimator": runs[0]["frequency"]["estimator"],
-    }
-
-
-def _training(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Training budget: steps and frames of the first run, mean wall time; None where unknown."""
-    told = [run.get("training") or {} for run in runs]
-    wall_s = [spent["wall_s"] for spent in told if spent.get("wall_s") is not None]
-    return {
-        "steps": told[0].get("steps"),
-        "frames_seen": told[0].get("frames_seen"),
-        "wall_s": float(np.mean(wall_s)) if wall_s else None,
     }
 
 
@@ -71,24 +63,14 @@ def _spread(runs: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
 
 
 def paired_margin(
-    first: Sequence[dict[str, Any]],
-    second: Sequence[dict[str, Any]],
-    *,
-    score: str,
-    resamples: int = 10000,
-    confidence: float = 0.95,
-    seed: int = 0,
+    first: Sequence[dict[str, Any]], second: Sequence[dict[str, Any]], *, score: str
 ) -> dict[str, Any]:
     """How much lower the error of ``first`` is than that of ``second`` on the same windows.
 
-    Windows are paired by their start and averaged over seeds. ``value`` is ``mean(second) - mean(first)``,
-    positive where ``first`` is better; ``relative`` divides it by ``mean(second)``; ``decided`` says that
-    the bootstrap interval excludes zero.
-
-    Args:
-        first, second: metrics of the runs of each experiment.
-        score: ``mse_half_second`` or ``image_mse`` (two periods).
-        resamples, confidence, seed: of the bootstrap.
+    Both are metrics of the runs of an experiment; ``score`` is ``mse_half_second`` or ``image_mse`` (two
+    periods). Windows are paired by their start and averaged over seeds. ``value`` is ``mean(second) -
+    mean(first)``, positive where ``first`` is better; ``relative`` divides it by ``mean(second)``;
+    ``decided`` says that the bootstrap interval excludes zero.
 
     Raises:
         ValueError: the two experiments were not scored on the same windows of the same recording.
@@ -100,8 +82,7 @@ def paired_margin(
     if len({str((run["recording"], run[block]["starts"], run[block]["states"])) for run in runs}) > 1:
         raise ValueError("windows differ between the two sides; evaluate both with the same settings")
     ours, theirs = (np.mean([run[block][key] for run in side], axis=0) for side in (first, second))
-    settings = {"resamples": resamples, "confidence": confidence, "seed": seed}
-    low, high = bootstrap_interval(lambda values: values.mean(axis=-1), theirs - ours, **settings)  # type: ignore[arg-type]
+    low, high = bootstrap_interval(lambda values: values.mean(axis=-1), theirs - ours)
     value = float((theirs - ours).mean())
     return {
         "score": score,

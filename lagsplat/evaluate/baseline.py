@@ -20,13 +20,16 @@ from lagsplat.baselines.networks import AttentionDecoder, compute_centre_jacobia
 from lagsplat.chart.trajectory import read_time_base
 from lagsplat.chart.visibility import measure_visibility
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import EvaluationSubject, read_recorded_inputs, score
-from lagsplat.evaluate.protocol import STENCILS, HeldOut, Integrate, Pictures, Render, Velocities
+from lagsplat.evaluate.evaluate import read_recorded_inputs, score
+from lagsplat.evaluate.protocol import STENCILS, EvaluationSubject, HeldOut, Pictures, Velocities
 from lagsplat.io.recording.recording import Recording
 
 CHUNK = 128  # images encoded or rendered at once: bounds memory, not results
 SEEN = 64  # training frames on which the visibility of the coordinates is measured
 STEP = 2e-2  # step of the finite differences, in units of the latent prior
+ASKED = 8  # states at which the response to a force is tested
+
+Forces = Float[Tensor, "B G 2"]
 
 
 def evaluate_baseline(baseline: Baseline, recording: Recording, config: EvaluateConfig) -> dict[str, Any]:
@@ -56,27 +59,6 @@ def make_baseline_subject(
     Raises:
         ValueError: the model is for frames or inputs of another shape.
     """
-    require_same_shape(baseline, recording)
-    pictures = read_recorded_inputs(recording, first=recording.split()[0].n_frames)
-    held = read_held_out(baseline, recording, pictures, config)
-    asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
-    return EvaluationSubject(
-        d=baseline.architecture.d,
-        dynamics="linear",
-        external_force=baseline_horizon(baseline, asked),
-        held=held,
-        pictures=pictures,
-        render=make_baseline_renderer(baseline),
-        integrate=make_baseline_integrator(baseline),
-    )
-
-
-def require_same_shape(baseline: Baseline, recording: Recording) -> None:
-    """Check that frames and inputs of the recording have the shapes that the model takes.
-
-    Raises:
-        ValueError: frames or inputs are of another shape.
-    """
     of = baseline.architecture
     shape = (recording.height, recording.width, recording.inputs.shape[1])
     if shape != (of.height, of.width, of.n_inputs):
@@ -84,6 +66,23 @@ def require_same_shape(baseline: Baseline, recording: Recording) -> None:
             f"the recording has frames of {shape[0]} x {shape[1]} and {shape[2]} inputs, the baseline takes "
             f"{of.height} x {of.width} and {of.n_inputs}; check that its weights are of this system"
         )
+    pictures = read_recorded_inputs(recording, first=recording.split()[0].n_frames)
+    held = read_held_out(baseline, recording, pictures, config)
+    asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
+
+    @torch.no_grad()
+    def render(z: np.ndarray) -> np.ndarray:
+        parts = torch.from_numpy(z).float().split(CHUNK)
+        return torch.cat([baseline.decode(part) for part in parts]).numpy()
+
+    @torch.no_grad()
+    def integrate(z0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
+        del steps_s  # the dynamics advance by one frame a step
+        start = (torch.from_numpy(values).float() for values in (z0, v0, inputs))
+        return baseline.rollout(*start)[0].double().numpy()
+
+    reach = baseline_horizon(baseline, asked)
+    return EvaluationSubject(of.d, "linear", reach, held, pictures, render, integrate)
 
 
 def read_held_out(
@@ -147,30 +146,6 @@ def estimate_velocities(
     return velocities
 
 
-def make_baseline_renderer(baseline: Baseline) -> Render:
-    """A function that renders images at latents."""
-
-    @torch.no_grad()
-    def render(z: np.ndarray) -> np.ndarray:
-        parts = torch.from_numpy(z).float().split(CHUNK)
-        return torch.cat([baseline.decode(part) for part in parts]).numpy()
-
-    return render
-
-
-def make_baseline_integrator(baseline: Baseline) -> Integrate:
-    """A function that rolls out the baseline's dynamics, one frame a step."""
-
-    @torch.no_grad()
-    def integrate(
-        z0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: float | np.ndarray
-    ) -> np.ndarray:
-        start = (torch.from_numpy(values).float() for values in (z0, v0, inputs))
-        return baseline.rollout(*start)[0].double().numpy()
-
-    return integrate
-
-
 def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
     """Frequencies and decay rates of the one-step map, slowest first.
 
@@ -186,11 +161,6 @@ def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
         if rate.imag >= 0
     ]
     return sorted(found, key=lambda mode: (mode["frequency_hz"], mode["rate_per_s"]))
-
-
-ASKED = 8  # states at which the response to a force is tested
-
-Forces = Float[Tensor, "B G 2"]
 
 
 def pull_back_force(baseline: Baseline, z: Latents, forces: Forces) -> Latents | None:

@@ -1,7 +1,6 @@
 """All scores of one model, as plain data: the same starts, frames and estimators for every model."""
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,12 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.forecast import error_over_horizon, image_forecast, measure_autoencoder_floor
+from lagsplat.evaluate.forecast import (
+    error_over_horizon,
+    image_forecast,
+    latent_forecast,
+    measure_autoencoder_floor,
+)
 from lagsplat.evaluate.free_motion import (
     compare_decay,
     compare_frequency,
@@ -17,15 +21,16 @@ from lagsplat.evaluate.free_motion import (
     cut_free_windows,
     measure_natural_period,
 )
-from lagsplat.evaluate.latent import latent_forecast
-from lagsplat.evaluate.protocol import HeldOut, Integrate, Pictures, Render, select_held_out
+from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, select_held_out
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
 
-PROBED = 8
+SCHEMA = 2
+LINEAR = ("constant", "constant", "quadratic", "linear")  # mass, damping, potential, actuation
+PROBED = 8  # frames that are encoded again to check that a chart belongs to an autoencoder
 
 
 def evaluate(
@@ -41,10 +46,6 @@ def evaluate(
     says why), ``intervals`` their 95 % intervals over windows; the other blocks hold the details and the
     value of every window. Deterministic but for ``wall_time_s``.
 
-    Args:
-        autoencoder, chart, lagrangian: the trained run.
-        recording, config: its recording and the evaluation protocol.
-
     Raises:
         ValueError: recording, chart and autoencoder do not belong together, or the held-out part is too
             short for the protocol.
@@ -59,22 +60,6 @@ def evaluate(
         "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
         "wall_time_s": time.perf_counter() - begin,
     }
-
-
-@dataclass(frozen=True)
-class EvaluationSubject:
-    """A model and the held-out part of a recording, in the form that `score` takes.
-
-    ``dynamics`` names the kind of its law; ``external_force`` says where a force given in the image can act.
-    """
-
-    d: int
-    dynamics: str
-    external_force: str
-    held: HeldOut
-    pictures: Pictures
-    render: Render
-    integrate: Integrate
 
 
 def make_run_subject(
@@ -96,7 +81,7 @@ def make_run_subject(
         external_force=describe_external_force(autoencoder),
         held=select_held_out(chart, config),
         pictures=read_recorded_inputs(recording, first=chart.n_train),
-        render=make_renderer(autoencoder, chart),
+        render=lambda q: decode_latents(autoencoder, chart.to_raw(q)),
         integrate=make_integrator(lagrangian),
     )
 
@@ -104,9 +89,7 @@ def make_run_subject(
 def describe_dynamics(lagrangian: Lagrangian) -> str:
     """The kind of law: ``linear``, or ``nonlinear`` with the mass named where it is not learned."""
     form = lagrangian.form
-    constant = form.mass == "constant"
-    plain = form.damping == "constant" and form.potential == "quadratic" and form.actuation == "linear"
-    if constant and plain:
+    if (form.mass, form.damping, form.potential, form.actuation) == LINEAR:
         return "linear"
     return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"
 
@@ -117,8 +100,7 @@ def describe_external_force(autoencoder: Autoencoder) -> str:
     A force on a rendered primitive reaches the dynamics through the primitive's Jacobian. So it can act
     wherever something is rendered, provided that the centres move with the latent.
     """
-    moves = bool((autoencoder.gaussians.jacobian().abs().amax() > 0).item())
-    return "anywhere" if moves else "none"
+    return "anywhere" if bool(autoencoder.gaussians.jacobian().abs().amax() > 0) else "none"
 
 
 def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recording) -> None:
@@ -152,17 +134,6 @@ def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
     return pictures
 
 
-def make_renderer(
-    autoencoder: Autoencoder, chart: Chart, *, height: int | None = None, width: int | None = None
-) -> Render:
-    """A function that renders images at whitened latents, by default at the training resolution [px]."""
-
-    def render(q: np.ndarray) -> np.ndarray:
-        return decode_latents(autoencoder, chart.to_raw(q), height=height, width=width)
-
-    return render
-
-
 def make_integrator(lagrangian: Lagrangian) -> Integrate:
     """A function that rolls out the learned dynamics, with NumPy arrays in and out."""
 
@@ -170,15 +141,10 @@ def make_integrator(lagrangian: Lagrangian) -> Integrate:
         q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: float | np.ndarray
     ) -> np.ndarray:
         dt_s = torch.as_tensor(steps_s) if isinstance(steps_s, np.ndarray) else steps_s
-        q, _ = rollout(
-            lagrangian, torch.as_tensor(q0), torch.as_tensor(v0), torch.as_tensor(inputs), dt_s=dt_s
-        )
-        return q.double().numpy()
+        start = (torch.as_tensor(values) for values in (q0, v0, inputs))
+        return rollout(lagrangian, *start, dt_s=dt_s)[0].double().numpy()
 
     return integrate
-
-
-SCHEMA = 2
 
 
 def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConfig) -> dict[str, Any]:
@@ -187,15 +153,15 @@ def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConf
     Raises:
         ValueError: the held-out part is too short for the protocol.
     """
-    held, pictures, render, integrate = subject.held, subject.pictures, subject.render, subject.integrate
-    floor = measure_autoencoder_floor(held, pictures, render, most=config.floor_frames)
-    forecast = image_forecast(held, pictures, render, integrate, config)
-    windows, reason = cut_free_windows(held, integrate, config)
+    held = subject.held
+    floor = measure_autoencoder_floor(subject, most=config.floor_frames)
+    forecast = image_forecast(subject, config)
+    windows, reason = cut_free_windows(held, subject.integrate, config)
     frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
     period_s = measure_natural_period(frequency, config)
     latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
     if period_s is not None:
-        latent = latent_forecast(held, pictures, render, integrate, config, period_s=period_s)
+        latent = latent_forecast(subject, config, period_s=period_s)
         latent["period_from"] = "evaluate.period_s" if config.period_s else frequency["estimator"]
     return {
         "schema": SCHEMA,
@@ -230,5 +196,5 @@ def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConf
         "frequency": frequency,
         "damping": compare_decay(windows, reason),
         "latent": latent,
-        "horizon": error_over_horizon(held, pictures, render, integrate, config),
+        "horizon": error_over_horizon(subject, config),
     }

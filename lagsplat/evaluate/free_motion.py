@@ -12,13 +12,25 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.latent import squared_norm
 from lagsplat.evaluate.modes import Mode, fit_modes
-from lagsplat.evaluate.protocol import HeldOut, Integrate, has_diverged, initial_states
+from lagsplat.evaluate.protocol import HeldOut, Integrate, has_diverged, initial_states, squared_norm
 from lagsplat.evaluate.spectrum import Peak, find_spectral_peak, resample_evenly
 from lagsplat.stage2.lagrangian import Lagrangian, linearize_modes
 
-LEAST_WINDOW = 16
+LEAST_WINDOW = 16  # fewest frames of a window
+RESOLVED = 0.1  # largest uncertainty of a frequency that is compared, over the frequency
+SPECTRAL = "spectral peak, most visible mode"
+WEIGHTED = "spectral peak, metric-weighted"
+FITTED = "damped-sinusoid fit"
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """States of a free motion at the frames of a window, with its spectral peaks and fitted oscillations."""
+
+    states: Float64[np.ndarray, "N d"]
+    peak: Peak
+    modes: tuple[Mode, ...]
 
 
 @dataclass(frozen=True)
@@ -26,12 +38,8 @@ class FreeWindow:
     """A window of free motion as encoded, and rolled out from its first state under constant inputs."""
 
     start: int
-    encoded: Float64[np.ndarray, "N d"]
-    simulated: Float64[np.ndarray, "N d"]
-    encoded_peak: Peak
-    simulated_peak: Peak
-    encoded_modes: tuple[Mode, ...]
-    simulated_modes: tuple[Mode, ...]
+    encoded: FreeMotion
+    rollout: FreeMotion
     diverged: bool
 
 
@@ -44,21 +52,12 @@ def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int,
     every clip is free.
     """
     least = max(round(config.free_min_s / held.dt_s), 1)
-    scored = held.inputs[held.skip :]
-    amplitude = float(np.ptp(scored, axis=0).max()) if held.inputs.shape[1] else 0.0
+    amplitude = float(np.ptp(held.inputs[held.skip :], axis=0).max()) if held.inputs.shape[1] else 0.0
+    rate, excursion = config.free_rate_fraction * amplitude, config.free_excursion_fraction * amplitude
     found: list[tuple[int, int]] = []
-    for clip in held.clips:
-        if clip[1] - clip[0] < least:
-            continue
-        if amplitude == 0.0:
-            found.append(clip)
-            continue
-        rate, excursion = config.free_rate_fraction * amplitude, config.free_excursion_fraction * amplitude
-        found += [
-            (clip[0] + a, clip[0] + b)
-            for a, b in _still(held.inputs[slice(*clip)], rate, excursion)
-            if b - a >= least
-        ]
+    for start, stop in held.clips:
+        still = _still(held.inputs[start:stop], rate, excursion) if amplitude else [(0, stop - start)]
+        found += [(start + a, start + b) for a, b in still if b - a >= least]
     return sorted(found, key=lambda ends: ends[0] - ends[1])[: config.free_max_segments]
 
 
@@ -93,14 +92,16 @@ def cut_free_windows(
     scale = _rms(held.encoded, held.metric)
     kept: list[FreeWindow] = []
     for start, stop in segments:
-        frequency = _segment_frequency(_even(held.encoded[start:stop], held, start), held, config)
+        even = resample_evenly(held.encoded[start:stop], held.clock, start=start)
+        frequency = _peak(held, even, config).visible_hz
+        if frequency is None and (modes := _modes(held, even, config)):
+            frequency = modes[0].frequency_hz
         if frequency is None:
             continue
         length = min(max(round(config.window_cycles / (frequency * held.dt_s)), LEAST_WINDOW), stop - start)
-        starts = np.arange(start, stop - length + 1, length)
         loud = [
             s
-            for s in starts
+            for s in range(start, stop - length + 1, length)
             if _rms(held.encoded[s : s + length], held.metric) >= config.window_min_amplitude * scale
         ]
         if loud:
@@ -114,14 +115,6 @@ def _rms(series: np.ndarray, metric: np.ndarray) -> float:
     return float(np.sqrt(squared_norm(series - series.mean(axis=0), metric).mean()))
 
 
-def _segment_frequency(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> float | None:
-    peak = _peak(series, held, config).visible_hz
-    if peak is not None:
-        return peak
-    modes = _modes(series, held, config)
-    return modes[0].frequency_hz if modes else None
-
-
 def _roll_out(
     held: HeldOut, integrate: Integrate, starts: np.ndarray, length: int, config: EvaluateConfig
 ) -> list[FreeWindow]:
@@ -131,37 +124,27 @@ def _roll_out(
     frozen = np.repeat(forcing[starts][:, None], length, axis=1)
     rollouts = integrate(q0, v0, frozen, held.clock.steps_s(starts, length))
     bound = config.divergence_factor * held.reach
-    kept = []
-    for start, simulated in zip(starts.tolist(), rollouts, strict=True):
-        encoded = held.encoded[start : start + length]
-        diverged = bool(has_diverged(simulated, bound).any())
-        seen = _even(encoded, held, start)
-        said = simulated if diverged else _even(simulated, held, start)
-        kept.append(
-            FreeWindow(
-                start=start,
-                encoded=encoded,
-                simulated=simulated,
-                encoded_peak=_peak(seen, held, config),
-                simulated_peak=Peak(None, None, None) if diverged else _peak(said, held, config),
-                encoded_modes=_modes(seen, held, config),
-                simulated_modes=() if diverged else _modes(said, held, config),
-                diverged=diverged,
-            )
-        )
-    return kept
+    windows = []
+    for start, states in zip(starts.tolist(), rollouts, strict=True):
+        encoded = _measure(held, start, held.encoded[start : start + length], config)
+        diverged = bool(has_diverged(states, bound).any())
+        lost = FreeMotion(states, Peak(None, None, None), ())
+        rollout = lost if diverged else _measure(held, start, states, config)
+        windows.append(FreeWindow(start, encoded, rollout, diverged))
+    return windows
 
 
-def _even(series: np.ndarray, held: HeldOut, start: int) -> np.ndarray:
-    return resample_evenly(series, held.clock, start=start)
+def _measure(held: HeldOut, start: int, states: np.ndarray, config: EvaluateConfig) -> FreeMotion:
+    even = resample_evenly(states, held.clock, start=start)
+    return FreeMotion(states, _peak(held, even, config), _modes(held, even, config))
 
 
-def _peak(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> Peak:
-    return find_spectral_peak(series, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
+def _peak(held: HeldOut, even: np.ndarray, config: EvaluateConfig) -> Peak:
+    return find_spectral_peak(even, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
 
 
-def _modes(series: np.ndarray, held: HeldOut, config: EvaluateConfig) -> tuple[Mode, ...]:
-    return fit_modes(series, dt_s=held.dt_s, metric=held.metric, most=config.decay_modes)
+def _modes(held: HeldOut, even: np.ndarray, config: EvaluateConfig) -> tuple[Mode, ...]:
+    return fit_modes(even, dt_s=held.dt_s, metric=held.metric, most=config.decay_modes)
 
 
 def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
@@ -171,20 +154,20 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
     decaying oscillation; ``windows`` lists them with one-sigma uncertainties and all fitted modes, and
     ``missing`` counts those whose rollout has none. None with a ``reason`` if no window has both.
     """
-    rows: list[dict[str, Any]] = [
-        {
-            "start": window.start,
-            "frames": len(window.encoded),
-            "encoded": _mode(window.encoded_modes),
-            "rollout": _mode(window.simulated_modes),
-            "encoded_modes": [dominant_mode(mode) for mode in window.encoded_modes],
-            "rollout_modes": [dominant_mode(mode) for mode in window.simulated_modes],
-        }
-        for window in windows
-    ]
-    seen = [row for row in rows if row["encoded"] is not None]
-    both = [row for row in seen if row["rollout"] is not None and row["encoded"]["rate_per_s"] > 0]
-    result: dict[str, Any] = {"windows": rows, "missing": len(seen) - len(both), "n_windows": len(both)}
+    rows: list[dict[str, Any]] = []
+    for window in windows:
+        row: dict[str, Any] = {"start": window.start, "frames": len(window.encoded.states)}
+        sides = {"encoded": window.encoded.modes, "rollout": window.rollout.modes}
+        row |= {name: modes[0]._asdict() if modes else None for name, modes in sides.items()}
+        row |= {f"{name}_modes": [mode._asdict() for mode in modes] for name, modes in sides.items()}
+        rows.append(row)
+    oscillating = [row for row in rows if row["encoded"] is not None]
+    both = [row for row in oscillating if row["rollout"] and row["encoded"]["rate_per_s"] > 0]
+    result: dict[str, Any] = {
+        "windows": rows,
+        "missing": len(oscillating) - len(both),
+        "n_windows": len(both),
+    }
     if not both:
         why = reason or "no window shows a decaying oscillation on both sides"
         return {"value": None, "encoded_per_s": None, "rollout_per_s": None, "reason": why, **result}
@@ -201,21 +184,6 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
     }
 
 
-def _mode(modes: tuple[Mode, ...]) -> dict[str, float] | None:
-    return dominant_mode(modes[0]) if modes else None
-
-
-def dominant_mode(mode: Mode) -> dict[str, float]:
-    """A fitted oscillation as plain data."""
-    return {
-        "frequency_hz": mode.frequency_hz,
-        "frequency_sigma": mode.frequency_sigma_hz,
-        "rate_per_s": mode.rate_per_s,
-        "rate_sigma": mode.rate_sigma_per_s,
-        "share": mode.share,
-    }
-
-
 def compute_linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
     """Modes of the learned law linearised about its equilibrium without inputs, slowest first.
 
@@ -226,12 +194,6 @@ def compute_linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
         {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
         for frequency_hz, rate_per_s in zip(found.frequency_hz, found.decay_per_s, strict=True)
     ]
-
-
-RESOLVED = 0.1
-SPECTRAL = "spectral peak, most visible mode"
-WEIGHTED = "spectral peak, metric-weighted"
-FITTED = "damped-sinusoid fit"
 
 
 def compare_frequency(windows: Sequence[FreeWindow], reason: str, *, dt_s: float) -> dict[str, Any]:
@@ -271,21 +233,15 @@ def measure_natural_period(frequency: dict[str, Any], config: EvaluateConfig) ->
 
 
 def _row(window: FreeWindow, dt_s: float) -> dict[str, Any]:
-    sides = {
-        "encoded": (window.encoded_peak, window.encoded_modes),
-        "rollout": (window.simulated_peak, window.simulated_modes),
-    }
-    row: dict[str, Any] = {
-        "start": window.start,
-        "frames": len(window.encoded),
-        "seconds": len(window.encoded) * dt_s,
-        "diverged": window.diverged,
-    }
-    for name, (peak, modes) in sides.items():
+    frames = len(window.encoded.states)
+    row: dict[str, Any] = {"start": window.start, "frames": frames, "seconds": frames * dt_s}
+    row["diverged"] = window.diverged
+    for name, motion in (("encoded", window.encoded), ("rollout", window.rollout)):
+        peak, modes = motion.peak, motion.modes
         row[name] = {
             SPECTRAL: [peak.visible_hz, peak.uncertainty_hz],
             WEIGHTED: [peak.weighted_hz, peak.uncertainty_hz],
-            FITTED: [modes[0].frequency_hz, modes[0].frequency_sigma_hz] if modes else [None, None],
+            FITTED: [modes[0].frequency_hz, modes[0].frequency_sigma] if modes else [None, None],
         }
     return row
 

@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
+from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.config import GuaranteeConfig
-from lagsplat.evaluate.forces.known_forces import mechanical_energy
+from lagsplat.evaluate.protocol import STENCILS
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import split_inputs
@@ -29,25 +30,8 @@ def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeCon
     return {"reason": "", **summarize_guarantees(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)}
 
 
-@dataclass(frozen=True)
-class SettlingTest:
-    """Rollouts that ran until they settled or their time was over.
-
-    ``rise`` is the largest rise of the energy above an earlier value, over the initial energy. ``settled``
-    counts rollouts that came within the tolerance of their goal, ``diverged`` those that became non-finite,
-    ``step_s`` is the step at which the scheme added no energy.
-    """
-
-    ends: Float64[np.ndarray, "B d"]
-    settled: int
-    diverged: int
-    rise: float
-    time_s: float
-    step_s: float
-
-
 def summarize_guarantees(
-    lagrangian: Lagrangian, *, reach: float, dt_s: float, config: GuaranteeConfig, seed: int = 0
+    lagrangian: Lagrangian, *, reach: float, dt_s: float, config: GuaranteeConfig
 ) -> dict[str, Any]:
     """Whether a trained law comes to rest from anywhere, without load and under constant forces; plain data.
 
@@ -58,9 +42,8 @@ def summarize_guarantees(
     halved until that is visible. ``holds`` is the conclusion.
 
     Args:
-        lagrangian: the trained law.
+        lagrangian, config: the trained law, and the starts, forces and tolerances.
         reach, dt_s: length of the longest encoded state, and longest step [s].
-        config, seed: starts, forces and tolerances, and their random seed.
 
     Source: paper, Appendix "Bounded forced response".
     """
@@ -69,21 +52,20 @@ def summarize_guarantees(
     dt_s = dt_s / split_inputs(dt_s / law.unit_s, law.longest_step)
     law.longest_step = np.inf
     rest = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     sides = _sides(rng, config.starts, lagrangian.d)
     start = rest + config.far * reach * sides
     speed = config.far * reach / law.unit_s * _sides(rng, config.starts, lagrangian.d)
     moving = np.arange(config.starts)[:, None] % 2 * speed
     tolerance = config.settled * reach
-    fine_s, half = _step_in_order(lagrangian, law, start, moving, dt_s)
-    free = _settle(
-        lagrangian, law, start, moving, np.broadcast_to(rest, start.shape), fine_s, config, tolerance
-    )
+    at_rest = np.broadcast_to(rest, start.shape).copy()
+    free_trial = Trial(lagrangian, law, start, moving, at_rest)
+    fine_s, half = free_trial.find_step(dt_s)
+    free = free_trial.settle(fine_s, tolerance, config.duration_s)
     held_at = rest + config.force * reach * sides
     force = -law.conservative_force(held_at)
-    still = np.zeros_like(held_at)
-    begin = np.broadcast_to(rest, held_at.shape).copy()
-    held = _settle(lagrangian, law, begin, still, held_at, dt_s, config, tolerance, force=force)
+    held_trial = Trial(lagrangian, law, at_rest, np.zeros_like(held_at), held_at, force)
+    held = held_trial.settle(dt_s, tolerance, config.duration_s)
     missed = np.abs(-law.conservative_force(held.ends) - force).max() / max(np.abs(force).max(), 1e-300)
     order = _falls_in_order(free.rise, half)
     return {
@@ -103,19 +85,75 @@ def summarize_guarantees(
     }
 
 
-def _step_in_order(
-    lagrangian: Lagrangian, law: NumpyLagrangian, q: np.ndarray, v: np.ndarray, dt_s: float
-) -> tuple[float, float]:
-    """The longest step at which the energy rise is small and of the scheme's order, and the rise at half of
-    it.
+@dataclass(frozen=True)
+class Settled:
+    """Rollouts that ran until they settled or their time was over.
+
+    ``rise`` is the largest rise of the energy above an earlier value, over the initial energy. ``settled``
+    counts rollouts that came within the tolerance of their goal, ``diverged`` those that became non-finite,
+    ``step_s`` is the step at which the scheme added no energy.
     """
-    rise = _rise(lagrangian, law, q, v, dt_s=dt_s)
-    for halvings in range(HALVINGS + 1):
-        half = _rise(lagrangian, law, q, v, dt_s=dt_s / 2, states=2 * STRETCH + 1)
-        if halvings == HALVINGS or (rise < LARGE and _falls_in_order(rise, half)):
-            break
-        rise, dt_s = half, dt_s / 2
-    return dt_s, half
+
+    ends: Float64[np.ndarray, "B d"]
+    settled: int
+    diverged: int
+    rise: float
+    time_s: float
+    step_s: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Motions of a law from ``q`` and ``v`` under constant forces, which must end at their ``goal``."""
+
+    lagrangian: Lagrangian
+    law: NumpyLagrangian
+    q: Float64[np.ndarray, "B d"]
+    v: Float64[np.ndarray, "B d"]
+    goal: Float64[np.ndarray, "B d"]
+    force: Float64[np.ndarray, "B d"] | float = 0.0
+
+    def rise(self, dt_s: float, *, states: int = STRETCH + 1) -> float:
+        """Largest rise of the energy above an earlier value, over the initial one; infinite on divergence."""
+        paths, speeds = roll_out_free(self.law, self.q, self.v, states=states, dt_s=dt_s, load=self.force)
+        if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
+            return float("inf")
+        worst = 0.0
+        for path, speed, held in zip(paths, speeds, np.broadcast_to(self.force, self.q.shape), strict=True):
+            energy = mechanical_energy(self.lagrangian, path, speed) - (path - path[0]) @ held
+            scale = max(float(energy[0]), float(np.ptp(energy)), 1e-300)
+            worst = max(worst, float((energy - np.minimum.accumulate(energy)).max()) / scale)
+        return worst
+
+    def find_step(self, dt_s: float) -> tuple[float, float]:
+        """The longest step at which the energy rise is small and of the scheme's order, and the rise at half
+        of it.
+        """
+        rise = self.rise(dt_s)
+        for halvings in range(HALVINGS + 1):
+            half = self.rise(dt_s / 2, states=2 * STRETCH + 1)
+            if halvings == HALVINGS or (rise < LARGE and _falls_in_order(rise, half)):
+                break
+            rise, dt_s = half, dt_s / 2
+        return dt_s, half
+
+    def settle(self, dt_s: float, tolerance: float, duration_s: float) -> Settled:
+        """Roll out until all are at their goal; a step at which the scheme adds energy is halved."""
+        for _ in range(HALVINGS):
+            if self.rise(dt_s) < LARGE:
+                break
+            dt_s /= 2
+        rise, elapsed_s, q, v = self.rise(dt_s), 0.0, self.q, self.v
+        while elapsed_s < duration_s:
+            paths, speeds = roll_out_free(self.law, q, v, states=STRETCH + 1, dt_s=dt_s, load=self.force)
+            q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
+            # a passage through the goal does not count: the whole interval must lie at it
+            apart = np.linalg.norm(paths - self.goal[:, None], axis=2).max(axis=1)
+            if not np.isfinite(q).all() or (apart < tolerance).all():
+                break
+        finite = np.isfinite(q).all(axis=1)
+        near = finite & (np.nan_to_num(apart, nan=np.inf) < tolerance)
+        return Settled(q, int(near.sum()), int((~finite).sum()), rise, elapsed_s, dt_s)
 
 
 def _falls_in_order(rise: float, half: float) -> bool:
@@ -130,54 +168,25 @@ def _sides(rng: np.random.Generator, count: int, d: int) -> np.ndarray:
     return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
 
 
-def _settle(
-    lagrangian: Lagrangian,
-    law: NumpyLagrangian,
-    q: np.ndarray,
-    v: np.ndarray,
-    goal: np.ndarray,
-    dt_s: float,
-    config: GuaranteeConfig,
-    tolerance: float,
-    *,
-    force: np.ndarray | float = 0.0,
-) -> SettlingTest:
-    """Roll out until all are at their goal; a step at which the scheme adds energy is halved."""
-    for _ in range(HALVINGS):
-        if _rise(lagrangian, law, q, v, dt_s=dt_s, force=force) < LARGE:
-            break
-        dt_s /= 2
-    rise, elapsed_s = _rise(lagrangian, law, q, v, dt_s=dt_s, force=force), 0.0
-    while elapsed_s < config.duration_s:
-        paths, speeds = roll_out_free(law, q, v, states=STRETCH + 1, dt_s=dt_s, load=force)
-        q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
-        # a passage through the goal does not count: the whole interval must lie at it
-        apart = np.linalg.norm(paths - goal[:, None], axis=2).max(axis=1)
-        if not np.isfinite(q).all() or (apart < tolerance).all():
-            break
-    finite = np.isfinite(q).all(axis=1)
-    near = finite & (np.nan_to_num(apart, nan=np.inf) < tolerance)
-    return SettlingTest(q, int(near.sum()), int((~finite).sum()), rise, elapsed_s, dt_s)
+@torch.no_grad()
+def mechanical_energy(
+    lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"], v: Float64[np.ndarray, "N d"]
+) -> Float64[np.ndarray, " N"]:
+    """``v.M v / 2 + V`` at states and velocities [1/s], in the law's unit of energy."""
+    states = torch.from_numpy(np.ascontiguousarray(q))
+    w = torch.from_numpy(np.ascontiguousarray(v)) * float(lagrangian.time_unit_s)
+    kinetic = 0.5 * torch.einsum("bi,bij,bj->b", w, lagrangian.mass(states), w)
+    return (kinetic + lagrangian.potential(states)).numpy()
 
 
-def _rise(
-    lagrangian: Lagrangian,
-    law: NumpyLagrangian,
-    q: np.ndarray,
-    v: np.ndarray,
-    *,
-    dt_s: float,
-    force: np.ndarray | float = 0.0,
-    states: int = STRETCH + 1,
-) -> float:
-    """Largest rise of the energy over an earlier moment, over the initial energy; infinite on divergence."""
-    paths, speeds = roll_out_free(law, q, v, states=states, dt_s=dt_s, load=force)
-    if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
-        return float("inf")
-    push = np.broadcast_to(force, q.shape)
-    worst = 0.0
-    for path, speed, held in zip(paths, speeds, push, strict=True):
-        energy = mechanical_energy(lagrangian, path, speed) - (path - path[0]) @ held
-        scale = max(float(energy[0]), float(np.ptp(energy)), 1e-300)
-        worst = max(worst, float((energy - np.minimum.accumulate(energy)).max()) / scale)
-    return worst
+def measure_energy(
+    lagrangian: Lagrangian, states: Float64[np.ndarray, "N d"], dt_s: float
+) -> Float64[np.ndarray, " M"]:
+    """The energy along evenly spaced states, by fourth-order differences.
+
+    Two states at either end are left out, because their differences would need states beyond the series.
+    Every model is measured this way, even one that knows its velocity.
+    """
+    inner = np.arange(2, len(states) - 2)
+    speeds = TimeBase(dt_s).slope(states, inner, STENCILS["central"])
+    return mechanical_energy(lagrangian, states[inner], speeds)

@@ -12,13 +12,12 @@ from skimage.transform import resize
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import make_integrator, make_renderer
-from lagsplat.evaluate.forecast import image_errors
+from lagsplat.evaluate.evaluate import make_integrator, read_recorded_inputs
+from lagsplat.evaluate.forecast import image_errors, state_errors, state_spread
 from lagsplat.evaluate.free_motion import compare_frequency, cut_free_windows, measure_natural_period
-from lagsplat.evaluate.latent import state_errors, state_spread
-from lagsplat.evaluate.protocol import HeldOut, initial_states, list_series, pin_diverged, select_held_out
+from lagsplat.evaluate.protocol import HeldOut, list_series, pin_diverged, roll_out, select_held_out
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 from lagsplat.stage2.lagrangian import Lagrangian
 
 INSET_SHARE = 0.28  # of the smaller side of the render
@@ -90,16 +89,6 @@ class FigureWindow:
     start: int
     stop: int
 
-    @property
-    def frames(self) -> slice:
-        """The window within the series."""
-        return slice(self.start, self.stop)
-
-    @property
-    def last(self) -> int:
-        """Its last frame, counted from the start of the recording."""
-        return self.offset + self.stop - 1
-
 
 def compute_long_rollout(
     autoencoder: Autoencoder,
@@ -112,10 +101,7 @@ def compute_long_rollout(
 ) -> LongRollout:
     """Roll out over the window that ``config.figure`` asks for, and render its last state.
 
-    Args:
-        autoencoder, chart, lagrangian: the image model, its latents and the learned dynamics.
-        recording, config: the frames, and settings of the figure.
-        fine: a finer decoder to render with, where one was fitted.
+    A ``fine`` decoder, where one was fitted, renders in the place of the autoencoder.
 
     Raises:
         ValueError: no such window, or ``fine`` is of another recording.
@@ -123,26 +109,24 @@ def compute_long_rollout(
     Source: paper, Reading the rollout figures.
     """
     window = choose_figure_window(chart, config)
-    series, frames = window.series, window.frames
-    integrate, start = make_integrator(lagrangian), np.array([window.start])
-    n_states = window.stop - window.start
-    q0, v0 = initial_states(series, start)
+    series, frames = window.series, slice(window.start, window.stop)
+    integrate, n_states = make_integrator(lagrangian), window.stop - window.start
+    rollouts = roll_out(series, integrate, np.array([window.start]), n_states)
     time_s = series.clock.instants_s(window.start, n_states)
-    rollouts = integrate(q0, v0, series.forcing[None, frames], series.clock.steps_s(start, n_states))
     held = select_held_out(chart, config)
     reach = max(held.reach, series.reach)
     pinned, diverged = pin_diverged(rollouts, bound=config.divergence_factor * reach)
     error = state_errors(held, pinned[0], diverged[0], series.encoded[frames]) / state_spread(held)
     first = first_held_out(window, chart) or 0
-    ends = np.stack([chart.latents[window.last], pinned[0, -1]])
+    last = window.offset + window.stop - 1  # counted from the start of the recording
+    ends = np.stack([chart.latents[last], pinned[0, -1]])
     source = fine or FineDecoder(autoencoder, recording)
     if source.recording.n_frames != recording.n_frames:
         raise ValueError(
             f"the finer recording has {source.recording.n_frames} frames and the recording "
             f"{recording.n_frames}; read both in the same way"
         )
-    images = _render_last(source, chart, ends, frame=window.last)
-    pixels = images.at_encoded.shape[0] / recording.height
+    images = _render_last(source, chart, ends, frame=last)
     frequency = compare_frequency(*cut_free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
@@ -156,7 +140,7 @@ def compute_long_rollout(
         period_s=measure_natural_period(frequency, config),
         held_s=float(time_s[first]) if first else None,
         lost_s=float(time_s[np.argmax(diverged[0])]) if diverged.any() else None,
-        scale=pixels,
+        scale=images.at_encoded.shape[0] / recording.height,
         **images._asdict(),
     )
 
@@ -209,19 +193,13 @@ def _render_last(source: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: 
     height, width = recording.height, recording.width
     scale = max(MIN_RENDER_PX / max(height, width), 1.0)
     size = {"height": round(scale * height), "width": round(scale * width)}
-    fine = np.moveaxis(np.clip(make_renderer(decoder, chart, **size)(ends), 0.0, 1.0), 1, 3)
-    renders = make_renderer(decoder, chart)(ends)
-    frame_image = np.asarray(recording.frames[frame]).astype(np.float32) / np.float32(255.0)
-    real = np.moveaxis(frame_image, 2, 0)[None]
-    error = np.abs(np.clip(renders[0], 0.0, 1.0) - real[0]).mean(axis=0)
-    return _Images(
-        recorded=frame_image,
-        at_encoded=fine[0],
-        at_predicted=fine[1],
-        floor_mse=float(image_errors(renders[:1], real)[0]),
-        predicted_mse=float(image_errors(renders[1:], real)[0]),
-        inset=choose_inset(fine[0], fine[1], error),
-    )
+    fine = np.moveaxis(np.clip(decode_latents(decoder, chart.to_raw(ends), **size), 0.0, 1.0), 1, 3)
+    renders = decode_latents(decoder, chart.to_raw(ends))
+    recorded = read_recorded_inputs(recording, first=0)(np.array([frame]))
+    error = np.abs(np.clip(renders[0], 0.0, 1.0) - recorded[0]).mean(axis=0)
+    floor_mse, predicted_mse = (float(image_errors(render[None], recorded)[0]) for render in renders)
+    inset = choose_inset(fine[0], fine[1], error)
+    return _Images(np.moveaxis(recorded[0], 0, 2), fine[0], fine[1], floor_mse, predicted_mse, inset)
 
 
 def choose_inset(

@@ -5,7 +5,7 @@ sinusoids still fits it. Poles come from the shift invariance of the series' sig
 refined by least squares with the amplitudes projected out, and the BIC chooses their number.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -15,17 +15,16 @@ HANKEL_ROWS = 120
 SAMPLES = 600
 
 
-@dataclass(frozen=True)
-class Mode:
-    """One damped oscillation ``exp(-rate t) cos(2 pi f t + phase)``, with one-sigma uncertainties.
+class Mode(NamedTuple):
+    """One damped oscillation ``exp(-rate t) cos(2 pi f t + phase)``, with one-sigma uncertainties [Hz, 1/s].
 
     ``share`` is its part of the oscillations' summed energy in the metric over the window.
     """
 
     frequency_hz: float
+    frequency_sigma: float
     rate_per_s: float
-    frequency_sigma_hz: float
-    rate_sigma_per_s: float
+    rate_sigma: float
     share: float
 
 
@@ -172,9 +171,9 @@ def _oscillations(
     modes = (
         Mode(
             frequency_hz=float(pole.imag / (2 * np.pi)),
+            frequency_sigma=float(deviation[1] / (2 * np.pi)),
             rate_per_s=float(-pole.real),
-            frequency_sigma_hz=float(deviation[1] / (2 * np.pi)),
-            rate_sigma_per_s=float(deviation[0]),
+            rate_sigma=float(deviation[0]),
             share=energy / total,
         )
         for pole, deviation, energy in found

@@ -14,7 +14,6 @@ from lagsplat.chart.chart import Chart
 from lagsplat.chart.trajectory import EncodedTrajectory, TimeBase
 from lagsplat.evaluate.config import EvaluateConfig
 
-Latents = Float64[np.ndarray, "N d"]
 Rollouts = Float64[np.ndarray, "B N d"]
 Integrate = Callable[[np.ndarray, np.ndarray, np.ndarray, float | np.ndarray], np.ndarray]
 """(q0 (B,d), v0 (B,d) per second, inputs (B,N,n_u), steps [s], a number or (B,N-1)) -> q (B,N,d); non-finite
@@ -83,6 +82,22 @@ class HeldOut:
         return float(np.linalg.norm(self.encoded, axis=1).max())
 
 
+@dataclass(frozen=True)
+class EvaluationSubject:
+    """A model and the held-out part of a recording: what the scores take.
+
+    ``dynamics`` names the kind of its law; ``external_force`` says where a force given in the image can act.
+    """
+
+    d: int
+    dynamics: str
+    external_force: str
+    held: HeldOut
+    pictures: Pictures
+    render: Render
+    integrate: Integrate
+
+
 def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
     """The held-out part of a chart, smoothed once for every score with the chart's smoothing.
 
@@ -133,9 +148,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     """Random start frames whose ``length`` states and velocity stencil stay within one clip.
 
     On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``. Drawn
-    with replacement, so windows may overlap.
-
-    ``margin`` frames are needed after a window.
+    with replacement, so windows may overlap; ``margin`` frames are needed after each.
 
     Raises:
         ValueError: no clip of the scored part is long enough.
@@ -167,6 +180,12 @@ def cut_windows(
     return series[starts[:, None] + np.arange(length)]
 
 
+def roll_out(held: HeldOut, integrate: Integrate, starts: Int64[np.ndarray, " B"], states: int) -> Rollouts:
+    """Rollouts of so many ``states`` from the encoded states at the starts, under the recorded inputs."""
+    q0, v0 = initial_states(held, starts)
+    return integrate(q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states))
+
+
 def has_diverged(states: Float64[np.ndarray, "*N d"], bound: float) -> Bool[np.ndarray, "*N"]:
     """Which states are not finite or longer than ``bound``."""
     # Squares of a diverging rollout overflow long before the rollout itself does.
@@ -193,23 +212,22 @@ def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np
     return pinned, gone
 
 
-def roll_out_windows(
-    held: HeldOut, integrate: Integrate, starts: Int64[np.ndarray, " B"], states: int, config: EvaluateConfig
-) -> tuple[Float64[np.ndarray, "B d"], Rollouts, Bool[np.ndarray, "B N"]]:
-    """The initial states, and the rollouts of so many ``states`` from them as `pin_diverged` returns them."""
-    q0, v0 = initial_states(held, starts)
-    rollouts = integrate(
-        q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states)
-    )
-    return q0, *pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
+def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:
+    """Squared length of the vectors on the last axis, ``v^T G v``."""
+    return np.einsum("...i,ij,...j->...", vectors, metric, vectors)
+
+
+def choose_evenly(count: int, most: int) -> Int64[np.ndarray, " chosen"]:
+    """At most ``most`` of the numbers from 0 to ``count - 1``, evenly spaced, both ends among them."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.int64))
 
 
 def bootstrap_interval(
     statistic: Callable[..., np.ndarray],
     *per_window: Float64[np.ndarray, " B"],
-    resamples: int,
-    confidence: float,
-    seed: int,
+    resamples: int = 10_000,
+    confidence: float = 0.95,
+    seed: int = 0,
 ) -> list[float]:
     """Percentile interval of a statistic over windows drawn with replacement.
 
@@ -221,11 +239,3 @@ def bootstrap_interval(
     values = statistic(*(values[draws] for values in per_window))
     tail = 50.0 * (1.0 - confidence)
     return [float(end) for end in np.percentile(values, [tail, 100.0 - tail])]
-
-
-def interval_over_windows(
-    statistic: Callable[..., np.ndarray], *per_window: Float64[np.ndarray, " B"], config: EvaluateConfig
-) -> list[float]:
-    """`bootstrap_interval` as ``config`` sets it."""
-    settings = {"resamples": config.bootstrap, "confidence": config.confidence, "seed": config.seed}
-    return bootstrap_interval(statistic, *per_window, **settings)  # type: ignore[arg-type]

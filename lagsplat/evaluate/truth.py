@@ -5,7 +5,7 @@ Also tests that answers do not depend on the coordinates, and how far the inerti
 
 from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,38 +14,27 @@ from scipy.optimize import linear_sum_assignment, minimize, root
 from torch import Tensor
 
 from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.free_motion import dominant_mode
 from lagsplat.evaluate.modes import fit_modes
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.equilibrium import OperatingPoint, compute_loaded_energy
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
+from lagsplat.systems.truth import Truth
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
-SAME = (
-    0.25  # most relative distance in frequency between a fitted true oscillation and a mode of the equations
-)
+SAME = 0.25  # most relative distance in frequency between a fitted true oscillation and a true mode
+BEND = 0.1  # cubic part of the coordinates in which an equilibrium is solved again
+STATES = 2000  # maximum number of states, evenly spaced, at which the inertia is measured
+DEGREE = 3  # of the map from latents to true coordinates
+RIDGE = 1e-9
 Mode = dict[str, float]
 Triple = tuple[Mode, Mode | None, Mode | None]
 """One oscillation as found in the true motion, the rollout and the encoded motion."""
 RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"))
 
 
-@runtime_checkable
-class KnownQuantity(Protocol):
-    """True states at the frames with their names and units, the rest state and the modes about it.
-
-    Modes are slowest first; one that does not oscillate has frequency 0.
-    """
-
-    coordinates: tuple[str, ...]
-    states: Float64[np.ndarray, "T n"]
-    rest: Float64[np.ndarray, " n"]
-    damped_frequencies_hz: Float64[np.ndarray, " m"]
-    decay_rates_per_s: Float64[np.ndarray, " m"]
-
-
 def compare_with_truth(
-    metrics: dict[str, Any], truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian
+    metrics: dict[str, Any], truth: Truth, chart: Chart, lagrangian: Lagrangian
 ) -> dict[str, Any]:
     """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
 
@@ -71,15 +60,18 @@ def compare_with_truth(
     excited = sorted({number for window in windows for number in window}) or oscillating[:1]
     turning = [mode for mode in metrics["linear_modes"] if mode["frequency_hz"] > 0]
     law = _matched(turning, [float(truth.damped_frequencies_hz[number]) for number in excited])
+    true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
     rows = []
     for number, mode in zip(excited, law, strict=True):
         name = f" of mode {number + 1}" if len(oscillating) > 1 else ""
         rows += _rolled_out([window[number] for window in windows if number in window], name)
-        rows += _linearised(mode, truth, number, name)
+        for key, quantity, unit in RATES:
+            learned = None if mode is None else mode[key]
+            rows.append(_row(f"{quantity}{name}, linearised law [{unit}]", learned, float(true[key][number])))
     return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian)}
 
 
-def _free_windows(metrics: dict[str, Any], truth: KnownQuantity, chart: Chart) -> list[dict[int, Triple]]:
+def _free_windows(metrics: dict[str, Any], truth: Truth, chart: Chart) -> list[dict[int, Triple]]:
     """For each window of free motion, the visible true oscillations by number, with their counterparts.
 
     Coordinates are weighted by their motion in the recording, so that one which hardly moves counts little.
@@ -91,7 +83,7 @@ def _free_windows(metrics: dict[str, Any], truth: KnownQuantity, chart: Chart) -
         series = truth.states[first : first + row["frames"]]
         modes = fit_modes(series, dt_s=chart.dt_s, metric=metric, most=series.shape[1] + 1)
         true: dict[int, dict[str, float]] = {}
-        for mode in _visible([dominant_mode(mode) for mode in modes]):
+        for mode in _visible([mode._asdict() for mode in modes]):
             apart = np.abs(mode["frequency_hz"] / np.maximum(truth.damped_frequencies_hz, 1e-300) - 1.0)
             if apart.min() < SAME:
                 true.setdefault(int(apart.argmin()), mode)
@@ -121,25 +113,11 @@ def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
     rows = []
     for key, quantity, unit in RATES:
         true, learned, encoded = (_median([mode[key] for mode in side]) for side in sides or ([], [], []))
-        rows.append(
-            _row(f"{quantity}{name}, free rollout [{unit}]", learned=learned, truth=true, encoded=encoded)
-        )
+        rows.append(_row(f"{quantity}{name}, free rollout [{unit}]", learned, true, encoded))
     return rows
 
 
-def _linearised(mode: Mode | None, truth: KnownQuantity, number: int, name: str) -> list[dict[str, Any]]:
-    true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
-    return [
-        _row(
-            f"{quantity}{name}, linearised law [{unit}]",
-            learned=None if mode is None else mode[key],
-            truth=float(true[key][number]),
-        )
-        for key, quantity, unit in RATES
-    ]
-
-
-def _equilibrium_rows(truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
+def _equilibrium_rows(truth: Truth, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
     """The learned equilibrium in the true coordinates, through a map fitted on the training frames."""
     smooth = chart.whole.smoothed(chart.smoothing_frames).latents
     known, unseen = slice(None, chart.n_train), slice(chart.n_train, None)
@@ -150,7 +128,7 @@ def _equilibrium_rows(truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian
     learned = to_states(latent[None])[0]
     return [
         {
-            **_row(f"equilibrium, {name}", learned=float(value), truth=float(rest)),
+            **_row(f"equilibrium, {name}", float(value), float(rest)),
             "error": float(abs(value - rest) / rms),
             "residual": float(residual / rms),
         }
@@ -161,25 +139,15 @@ def _equilibrium_rows(truth: KnownQuantity, chart: Chart, lagrangian: Lagrangian
 
 
 def _row(
-    quantity: str, *, learned: float | None, truth: float | None, encoded: float | None = None
+    quantity: str, learned: float | None, truth: float | None, encoded: float | None = None
 ) -> dict[str, Any]:
-    measured = learned is not None and truth is not None and truth != 0.0
-    error = abs(learned / truth - 1.0) if measured else None  # type: ignore[operator]
-    return {
-        "quantity": quantity,
-        "learned": learned,
-        "truth": truth,
-        "error": error,
-        "encoded": encoded,
-        "residual": None,
-    }
+    error = abs(learned / truth - 1.0) if learned is not None and truth else None
+    row = {"quantity": quantity, "learned": learned, "truth": truth, "error": error, "encoded": encoded}
+    return row | {"residual": None}
 
 
 def _median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if values else None
-
-
-BEND = 0.1
 
 
 def has_settled_elsewhere(
@@ -219,9 +187,6 @@ def has_settled_elsewhere(
     return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
-STATES = 2000  # maximum number of states, evenly spaced
-
-
 def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:
     """The mass matrix at whitened states, as plain numbers without unit.
 
@@ -232,7 +197,7 @@ def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) ->
 
     Source: paper, "Decoder-induced inertia".
     """
-    chosen = states[np.unique(np.linspace(0, len(states) - 1, min(STATES, len(states))).round().astype(int))]
+    chosen = states[choose_evenly(len(states), STATES)]
     with torch.no_grad():
         matrices = lagrangian.mass(torch.from_numpy(chosen)).double().numpy()
     mean = matrices.mean(axis=0)
@@ -248,10 +213,6 @@ def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) ->
         "condition_max": float(condition.max()),
         "states": len(chosen),
     }
-
-
-DEGREE = 3
-RIDGE = 1e-9
 
 
 def fit_polynomial(

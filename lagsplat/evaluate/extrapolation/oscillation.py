@@ -1,23 +1,12 @@
-"""Measure frequency, decay and amplitude of a motion, and check that predicted frames suit the encoder.
+"""Measure frequency, decay and amplitude of a motion; every model gets the same estimators."""
 
-Every model gets the same estimators. States of frames unlike the training frames are not meaningful.
-"""
-
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Float64
 from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
 
-from lagsplat.chart.chart import Chart
-from lagsplat.evaluate.config import ExtrapolationConfig
-from lagsplat.evaluate.forecast import image_errors
-from lagsplat.evaluate.modes import fit_modes, root_of_metric
-from lagsplat.evaluate.protocol import Pictures
-from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents
+from lagsplat.evaluate.modes import fit_modes
 
 LEAST_CYCLES = 1.0
 STRONGEST = 0.2  # share of a series' energy below which the fitted oscillation does not represent its motion
@@ -112,103 +101,3 @@ def measure_amplitude(series: Float64[np.ndarray, "N d"], metric: Float64[np.nda
     """Half the range of the most visible coordinate of a series, in whitened units; NaN if not finite."""
     visible = series @ np.linalg.eigh(metric)[1][:, -1]
     return float(np.ptp(visible) / 2) if np.isfinite(visible).all() else float("nan")
-
-
-MOST = 1000  # most training frames on which the reconstruction error is measured
-
-
-@dataclass(frozen=True)
-class KnownStates:
-    """The training states of an encoder and its reconstruction error on the worst training frame.
-
-    ``scale`` is the rms distance of the training states from their mean, in the metric.
-    """
-
-    autoencoder: Autoencoder
-    chart: Chart
-    worst_error: float
-    scale: float
-    root: Float64[np.ndarray, "d d"]
-    tree: cKDTree
-
-    def to_states(self, images: Float32[np.ndarray, "N 3 H W"]) -> Float64[np.ndarray, "N d"]:
-        """Whitened latents of images in [0, 1].
-
-        Raises:
-            ValueError: the images are of another size than the encoder's.
-        """
-        size = (self.autoencoder.height, self.autoencoder.width)
-        if images.shape[2:] != size:
-            raise ValueError(
-                f"predicted frames of {images.shape[2]} x {images.shape[3]} pixels, but the encoder was "
-                f"trained on {size[0]} x {size[1]}; predict frames of the size that was trained on"
-            )
-        device = next(self.autoencoder.parameters()).device
-        with torch.no_grad():
-            parts = [
-                self.autoencoder.encode(part.to(device)).double().cpu()
-                for part in torch.from_numpy(np.clip(images, 0.0, 1.0)).split(CHUNK)
-            ]
-        return self.chart.to_whitened(torch.cat(parts).numpy())
-
-
-@dataclass(frozen=True)
-class StateReading:
-    """States encoded from predicted frames, and which of these are in range.
-
-    ``error`` is the mean squared reconstruction error of each frame over that of the worst training frame,
-    ``distance`` that of its state from the nearest training state over their rms.
-    """
-
-    states: Float64[np.ndarray, "N d"]
-    error: Float64[np.ndarray, " N"]
-    distance: Float64[np.ndarray, " N"]
-    inside: Bool[np.ndarray, " N"]
-
-
-def collect_known_states(autoencoder: Autoencoder, chart: Chart, pictures: Pictures) -> KnownStates:
-    """Collect the training states of an autoencoder; ``pictures`` gives its training frames by number."""
-    chosen = np.unique(np.linspace(0, chart.n_train - 1, min(MOST, chart.n_train)).round().astype(np.int64))
-    states = chart.train.latents
-    errors = [
-        image_errors(decode_latents(autoencoder, chart.to_raw(states[part])), pictures(part)).max()
-        for part in np.array_split(chosen, max(1, len(chosen) // CHUNK))
-    ]
-    root = root_of_metric(chart.metric)
-    seen = states @ root
-    scale = float(np.sqrt(np.square(seen - seen.mean(axis=0)).sum(axis=1).mean()))
-    return KnownStates(autoencoder, chart, float(max(errors)), scale, root, cKDTree(seen))
-
-
-def read_states(
-    known: KnownStates, images: Float32[np.ndarray, "N 3 H W"], config: ExtrapolationConfig
-) -> StateReading:
-    """Encode predicted images and check whether each is in range.
-
-    Raises:
-        ValueError: the images are of another size than the encoder's.
-
-    Source: paper, "What the Lagrangian prior buys": an encoded state is meaningful only for images like
-    those that the encoder was trained on.
-    """
-    states = known.to_states(images)
-    drawn = decode_latents(known.autoencoder, known.chart.to_raw(states))
-    error = image_errors(drawn, np.clip(images, 0.0, 1.0)) / max(known.worst_error, 1e-12)
-    distance = known.tree.query(states @ known.root)[0] / known.scale
-    inside = (error <= config.range_error) & (distance <= config.range_distance)
-    return StateReading(states, error, distance, inside)
-
-
-def summarize_reading(readings: list[StateReading]) -> dict[str, Any]:
-    """Share of the frames of several readings that are in range, as plain data."""
-    error, distance, inside = (
-        np.concatenate([getattr(reading, name) for reading in readings])
-        for name in ("error", "distance", "inside")
-    )
-    return {
-        "frames": len(inside),
-        "inside": float(inside.mean()),
-        "worst_error": float(error.max()),
-        "median_error": float(np.median(error)),
-        "worst_distance": float(distance.max()),
-    }

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.evaluate.forces.known_forces import KnownForces
 from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
-from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush, grasp_nearest
+from lagsplat.forces.grasp import NoMatterError, grasp_brush, grasp_nearest
 
 OTHERS = 40  # maximum number of other pokes used to estimate the energy scale again
 Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
@@ -20,12 +20,12 @@ Errors = dict[str, Float64[np.ndarray, "N L"]]
 
 @dataclass(frozen=True)
 class GraspedPoints:
-    """The grasp of each material point, None where there is none, and which points are grasped.
+    """The Jacobian of the grasp of each material point, NaN where there is none, and which have one.
 
     ``field`` is how the points move [px per whitened unit]; zero where they are not grasped.
     """
 
-    grips: list[GraspPoint | None]
+    grips: Float64[np.ndarray, "P 2 d"]
     field: Float64[np.ndarray, "P 2 d"]
     usable: Bool[np.ndarray, " P"]
 
@@ -34,16 +34,15 @@ def choose_grasps(
     held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
 ) -> GraspedPoints:
     """The grasp of a click on each material point, by a brush [px] or the nearest Gaussian."""
-    grips: list[GraspPoint | None] = []
-    for x, y in places:
-        point: Point = (float(x), float(y))
+    grips = np.full((len(places), 2, held.law.d), np.nan)
+    for i, (x, y) in enumerate(places.tolist()):
         try:
-            taken = grasp_nearest(held.kinematics, held.rest, point) if radius is None else None
-            grips.append(taken or grasp_brush(held.kinematics, held.rest, point, radius=radius or 1.0))
+            nearest = grasp_nearest(held.kinematics, held.rest, (x, y)) if radius is None else None
+            grip = nearest or grasp_brush(held.kinematics, held.rest, (x, y), radius=radius or 1.0)
         except NoMatterError:
-            grips.append(None)
-    field = [np.zeros((2, held.law.d)) if grip is None else grip.jacobian.numpy() for grip in grips]
-    return GraspedPoints(grips, np.stack(field), np.array([grip is not None for grip in grips]))
+            continue
+        grips[i] = grip.jacobian.numpy()
+    return GraspedPoints(grips, np.nan_to_num(grips), np.isfinite(grips).all((1, 2)))
 
 
 def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
@@ -67,10 +66,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     brushed = choose_grasps(held, pokes.places, radius=radius)
     nearest = replace(brushed, grips=choose_grasps(held, pokes.places, radius=None).grips)
     inside = pokes.distance <= 1.0
-    result: dict[str, Any] = {
-        "points": int(brushed.usable.sum()),
-        "missed": int((~brushed.usable).sum()),
-    }
+    result: dict[str, Any] = {"points": int(brushed.usable.sum()), "missed": int((~brushed.usable).sum())}
     for name, grasps in (("brush", brushed), ("nearest", nearest)):
         try:
             scale, others = compare_scales(held, pokes, grasps)
@@ -82,16 +78,19 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
         errors = compute_errors(held, pokes, grasps, scale, read)
         result[name] = {
             "scale": scale,
-            "scale_of_others": _spread(others / scale),
+            "scale_of_others": np.quantile(others / scale, [0.1, 0.5, 0.9]).tolist(),
             "inside": summarize_errors(errors, inside),
         }
         if name == "brush":
-            rows = [summarize_errors(errors, np.arange(inside.shape[1]) == i) for i in range(inside.shape[1])]
-            result["levels"] = [
-                {**row, "level": pokes.levels[i], "distance": _median(pokes.distance[:, i])}
-                for i, row in enumerate(rows)
-            ]
-            result["map"] = _map(pokes, errors, inside)
+            result["levels"] = []
+            for i, level in enumerate(pokes.levels):
+                row = summarize_errors(errors, np.arange(len(pokes.levels)) == i)
+                result["levels"].append({**row, "level": level, "distance": _median(pokes.distance[:, i])})
+            result["map"] = []
+            for p in np.unique(pokes.point):
+                there = (pokes.point == p)[:, None] & inside
+                medians = {name: _median(values[there]) for name, values in errors.items()}
+                result["map"].append({"place": pokes.places[p].tolist(), **medians})
     result["tipped"] = int(np.isnan(pokes.distance).sum())
     result["pokes"] = int(inside.size)
     return result
@@ -99,13 +98,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
 
 def list_loads(pokes: KnownForces, grasps: GraspedPoints) -> Float64[np.ndarray, "N L d"]:
     """The pulled-back forces for an energy scale of one; NaN where nothing is grasped."""
-    nothing, grips = np.full((2, grasps.field.shape[2]), np.nan), (grasps.grips[p] for p in pokes.point)
-    return np.stack(
-        [
-            forces @ (nothing if grip is None else grip.jacobian.numpy())
-            for forces, grip in zip(pokes.forces, grips, strict=True)
-        ]
-    )
+    return pokes.forces @ grasps.grips[pokes.point]
 
 
 def compare_scales(
@@ -134,11 +127,7 @@ def compare_scales(
 
 
 def compute_errors(
-    held: OperatingPoint,
-    pokes: KnownForces,
-    grasps: GraspedPoints,
-    scale: float,
-    read: Read,
+    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, scale: float, read: Read
 ) -> Errors:
     """Every error of every poke for an energy ``scale``; NaN where there is no true answer or no grasp."""
     loads, usable = scale * list_loads(pokes, grasps), grasps.usable
@@ -152,10 +141,10 @@ def compute_errors(
     pushed = pokes.point[:, None, None, None]
     for name, answer in (("", carried), ("pictured_", pictured)):
         cosine, factor = are_alike(answer[:, :, usable], pokes.ways[:, :, usable])
-        errors[f"{name}shape"] = np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)
+        errors[f"{name}shape"] = to_shape_error(cosine)
         errors[f"{name}amplitude"] = np.abs(factor - 1.0)
-        own, _ = are_alike(*(np.take_along_axis(ways, pushed, axis=2) for ways in (answer, pokes.ways)))
-        errors[f"{name}direction_deg"] = np.degrees(np.arccos(np.clip(own, -1.0, 1.0)))
+        there, _ = are_alike(*(np.take_along_axis(ways, pushed, axis=2) for ways in (answer, pokes.ways)))
+        errors[f"{name}direction_deg"] = np.degrees(np.arccos(np.clip(there, -1.0, 1.0)))
     return errors
 
 
@@ -171,6 +160,11 @@ def are_alike(
         return product / (size * true), product / true**2
 
 
+def to_shape_error(cosine: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n"]:
+    """The relative residual of displacements after the best factor; an opposite answer counts as none."""
+    return np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)
+
+
 def summarize_errors(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
     """Medians and 90th percentiles over the chosen pokes, and how many there are."""
     chosen = np.broadcast_to(chosen, next(iter(errors.values())).shape)
@@ -180,23 +174,6 @@ def summarize_errors(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
         found[name] = _median(kept)
         found[f"{name}_p90"] = float(np.quantile(kept, 0.9)) if len(kept) else None
     return found
-
-
-def _map(pokes: KnownForces, errors: Errors, inside: np.ndarray) -> list[dict[str, Any]]:
-    """The median errors of forces on each point, with the points' places [px]."""
-    return [
-        {
-            "place": pokes.places[p].tolist(),
-            **{
-                name: _median(values[(pokes.point == p)[:, None] & inside]) for name, values in errors.items()
-            },
-        }
-        for p in np.unique(pokes.point)
-    ]
-
-
-def _spread(values: np.ndarray) -> list[float]:
-    return [float(x) for x in np.quantile(values, [0.1, 0.5, 0.9])]
 
 
 def _median(values: np.ndarray) -> float | None:

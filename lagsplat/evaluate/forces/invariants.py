@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float64
 from scipy.stats import spearmanr
 
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import has_settled_elsewhere
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint
@@ -64,13 +65,11 @@ def centre_of_rotation(grips: list[GraspPoint]) -> Float64[np.ndarray, "2"]:
 
 def _on(held: OperatingPoint, scene: MovingParts, radius: float) -> list[GraspPoint]:
     places = np.argwhere(scene.object)
-    chosen = places[
-        np.unique(np.linspace(0, max(0, len(places) - 1), POINTS).round().astype(int))[: len(places)]
-    ]
-    found = [grip for row, column in chosen for grip in _taken(held, (column + 0.5, row + 0.5), radius)]
-    if not found:
+    chosen = places[choose_evenly(len(places), POINTS)]
+    grips = [grip for row, column in chosen for grip in _taken(held, (column + 0.5, row + 0.5), radius)]
+    if not grips:
         raise ValueError("no point of the object can be taken hold of: nothing moves in the picture")
-    return found
+    return grips
 
 
 def _taken(held: OperatingPoint, point: Point, radius: float) -> list[GraspPoint]:
@@ -112,22 +111,19 @@ def _background(
         return {"points": 0, "largest": None, "typical": typical, "ratio": None}
     off = [_answers(held, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
     largest = float(np.linalg.norm(np.concatenate(off), axis=1).max())
-    return {
-        "points": len(still),
-        "largest": largest,
-        "typical": typical,
-        "ratio": typical / max(largest, 1e-300),
-    }
+    ratio = typical / max(largest, 1e-300)
+    return {"points": len(still), "largest": largest, "typical": typical, "ratio": ratio}
 
 
 def _superposition(held: OperatingPoint, grip: GraspPoint, size: float) -> dict[str, float]:
     parts = size * np.stack([[np.cos(angle), np.sin(angle)] for angle in ANGLES])
     three = np.concatenate([parts, parts.sum(0)[None]])
     loads = grip.pull_back(torch.from_numpy(three)).numpy()
-    told = {"force": _excess(loads)}
-    for name, factor in (("answer", 1.0), ("small_answer", SMALL)):
-        told[name] = _excess(_answers(held, [grip] * 3, factor * three))
-    return told
+    return {
+        "force": _excess(loads),
+        "answer": _excess(_answers(held, [grip] * 3, three)),
+        "small_answer": _excess(_answers(held, [grip] * 3, SMALL * three)),
+    }
 
 
 def _excess(three: Float64[np.ndarray, "3 d"]) -> float:

@@ -17,12 +17,14 @@ from lagsplat.evaluate.forces.accuracy import (
     choose_grasps,
     compare_answers,
     list_loads,
+    to_shape_error,
 )
 from lagsplat.evaluate.forces.invariants import force_invariants
-from lagsplat.evaluate.forces.known_forces import KnownForces, measure_energy_spans, simulate_known_forces
+from lagsplat.evaluate.forces.known_forces import KnownForces, simulate_known_forces
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint
+from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, compute_static_stiffness
 from lagsplat.forces.grasp import GraspPoint, RayHit, cast_ray, grasp_along_ray
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.moving_parts import find_moving_parts
@@ -31,7 +33,12 @@ from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.truth import Truth
 
-STEP = 1e-3
+STEP = 1e-3  # of a coordinate in the differences of the map to true coordinates
+TRIALS = 12  # points whose answer in time is computed: each takes an integration of the truth
+FLOOR = 1e-9
+AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+"""Along the video camera's line of sight, and down in its image."""
+FELT = 1e-3  # smallest remainder of a unit vector across the motion for which a direction across is defined
 
 
 def measure_forces(
@@ -46,10 +53,7 @@ def measure_forces(
 
     Where no energy scale makes the law answer the reference poke, the reason replaces these errors.
 
-    Args:
-        held, config: the operating point of the run, and sizes and numbers of the forces.
-        truth: true states of a simulated recording.
-        driven, released: how it was simulated; give the one that applies.
+    ``driven`` and ``released`` say how it was simulated; give the one that applies.
 
     Raises:
         ValueError: nothing moves in the image.
@@ -87,10 +91,6 @@ def compare_forces_with_truth(
     }
 
 
-TRIALS = 12  # points whose answer in time is computed: each takes an integration of the truth
-FLOOR = 1e-9
-
-
 def easiest_direction(pokes: KnownForces, grasps: GraspedPoints, level: int) -> list[int]:
     """The poke of least force at every point that can be grasped and has a true answer."""
     usable = np.isfinite(pokes.distance[:, level]) & grasps.usable[pokes.point]
@@ -111,22 +111,14 @@ def respond_in_time(
 
     ``error`` is the rms difference of the displacements of all points over the rms of the true ones,
     ``shape`` the same after the best factor; medians and 90th percentiles over at most `TRIALS` points.
-
-    Args:
-        held, system: the operating point, and the simulated system.
-        pokes, grasps: known forces with their true answers, and the grasp of each material point.
-        scale, length_s: the energy scale, and the duration [s].
+    ``scale`` is the energy scale.
     """
     level, dt_s = pokes.reference, held.chart.dt_s
-    chosen = easiest_direction(pokes, grasps, level)
-    chosen = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, TRIALS).round().astype(int))]
+    easiest = easiest_direction(pokes, grasps, level)
+    chosen = [easiest[i] for i in choose_evenly(len(easiest), TRIALS)]
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
-    true = np.stack(
-        [
-            system.pixels(system.moved(pokes.point[i], pokes.forces[i, level], time_s=time_s)) - pokes.places
-            for i in chosen
-        ]
-    )
+    moved = [system.moved(pokes.point[i], pokes.forces[i, level], time_s=time_s) for i in chosen]
+    true = np.stack([system.pixels(states) - pokes.places for states in moved])
     loads = torch.from_numpy(scale * list_loads(pokes, grasps)[chosen, level])
     rows, steps = len(chosen), len(time_s)
     q, _ = rollout_under_force(
@@ -142,11 +134,10 @@ def respond_in_time(
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
     cosine, _ = are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
-    shape = np.sqrt(1.0 - np.clip(cosine[:, 0], 0.0, 1.0) ** 2)
-    told = {"n": rows, "length_s": float(time_s[-1])}
-    for name, values in (("error", error), ("shape", shape)):
-        told |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
-    return told
+    result = {"n": rows, "length_s": float(time_s[-1])}
+    for name, values in (("error", error), ("shape", to_shape_error(cosine[:, 0]))):
+        result |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
+    return result
 
 
 def respond_at_once(
@@ -160,31 +151,59 @@ def respond_at_once(
 
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
-    rest, level, field, usable = held.rest[None], pokes.reference, grasps.field, grasps.usable
+    level, field, usable = pokes.reference, grasps.field, grasps.usable
     chosen = easiest_direction(pokes, grasps, level)
-    induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
+    learned, induced = _masses_at_rest(held)
     by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
-    with torch.no_grad():
-        masses = {
-            "learned": held.law.mass(rest)[0].numpy(),
-            "uniform": induced.matrix(rest)[0].numpy(),
-            "true": by_share + FLOOR * np.trace(by_share) * np.eye(held.law.d),
-        }
+    true_mass = by_share + FLOOR * np.trace(by_share) * np.eye(held.law.d)
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
     loads = list_loads(pokes, grasps)[chosen, level]
     found = {}
-    for name, mass in masses.items():
+    for name, mass in (("learned", learned), ("uniform", induced), ("true", true_mass)):
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
         cosine, _ = are_alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
-        found[name] = float(np.median(np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2)))
+        found[name] = float(np.median(to_shape_error(cosine)))
     return found
 
 
-AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-"""Along the video camera's line of sight, and down in its image."""
-FELT = 1e-3  # smallest remainder of a unit vector across the motion for which a direction across is defined
+def measure_energy_spans(
+    held: OperatingPoint, system: Pushable, slope: Float64[np.ndarray, "n d"]
+) -> dict[str, float] | None:
+    """Ratio of the largest to the smallest eigenvalue of matrices at rest relative to the true ones.
+
+    It is 1 where one factor makes all energies true; the result is None with one coordinate, where it always
+    is. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass that equally heavy Gaussians induce.
+    ``slope`` are the derivatives of the true coordinates by the latents. Free motion identifies the ratio of
+    stiffness and mass in each mode, slow driven motion that of stiffness and input: neither identifies the
+    relative energy of two modes.
+    """
+    if held.law.d == 1:
+        return None
+    learned, induced = _masses_at_rest(held)
+    elastic = compute_static_stiffness(held.law, held.rest[None], held.u[None])[0].numpy()
+    true_elastic = system.stiffness(system.rest)
+    true_mass = slope.T @ system.mass(system.rest) @ slope
+    return {
+        "mass": _span(learned, true_mass),
+        "induced": _span(induced, true_mass),
+        "stiffness": _span(elastic, slope.T @ (0.5 * (true_elastic + true_elastic.T)) @ slope),
+    }
+
+
+@torch.no_grad()
+def _masses_at_rest(held: OperatingPoint) -> tuple[np.ndarray, np.ndarray]:
+    """The learned mass, and the one that equally heavy Gaussians induce."""
+    rest = held.rest[None]
+    induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
+    return held.law.mass(rest)[0].numpy(), induced.matrix(rest)[0].numpy()
+
+
+def _span(matrix: np.ndarray, reference: np.ndarray) -> float:
+    half = np.linalg.inv(np.linalg.cholesky(reference))
+    values = np.linalg.eigvalsh(half @ matrix @ half.T)
+    return float(values[-1] / values[0])
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """Rows of the tables: runs grouped by what they share, one row a group, and the paper's own beside them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import MEASURED, aggregate, paired_margin
@@ -17,6 +18,11 @@ class RunGroup(NamedTuple):
     recording: str
     profile: str
     stage1: str
+
+    @property
+    def place(self) -> dict[str, str]:
+        """The columns that say what was measured and how."""
+        return {"recording": self.recording, "profile": self.profile}
 
 
 def group_runs(
@@ -41,10 +47,9 @@ def build_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, An
     """
     rows = []
     for group, variants in group_runs(runs, metrics).items():
-        names = {"robot": group.system, "recording": group.recording, "profile": group.profile}
         for stage2, members in variants.items():
             method = "LaGSplat" + name_changes(group.stage1, stage2)
-            rows.append(build_row(aggregate(members), method=method, **names))
+            rows.append(build_row(aggregate(members), robot=group.system, method=method, **group.place))
     return rows
 
 
@@ -111,27 +116,32 @@ def merge_with_published(
     return merged.reset_index(drop=True)
 
 
+def build_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+    """Build a table with these columns; a cell is empty where its row has no such key."""
+    return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(columns))
+
+
+def take_median(values: Iterable[float | None]) -> float | None:
+    """Take the median of what was measured; None where nothing was."""
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
 def list_spread_columns(frame: pd.DataFrame, scores: Sequence[str]) -> list[str]:
     """List the ``_low`` and ``_high`` columns of those scores that have a spread in any row."""
     bounds = [f"{name}_{end}" for name in scores for end in ("low", "high")]
     return [name for name in bounds if name in frame and frame[name].notna().any()]
 
 
-def count_rollouts(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], int]:
-    """Count the rollouts behind each row, by robot, method and recording."""
-    return {(row["robot"], row["method"], row["recording"]): row["rollouts"] for row in rows}
-
-
-def format_score(row: Mapping[Any, Any], name: str, *, scale: float) -> str:
-    """Format the cell of a score with its spread, in the unit of the table."""
+def format_score(row: Mapping[Any, Any], name: str, *, scale: float = 1.0) -> str:
+    """Format the cell of a number with its spread, where it has one, in the unit of the table."""
     keys = (name, f"{name}_low", f"{name}_high")
     return format_latex_number(*(rescale(row.get(key), scale) for key in keys))
 
 
-def format_diverged(row: Mapping[Any, Any], rollouts: Mapping[tuple[str, str, str], int]) -> str:
-    """Format the share of diverged rollouts; ``rollouts`` counts all by robot, method and recording."""
-    total = rollouts.get((row["robot"], row["method"], row["recording"]))
-    return "--" if pd.isna(row["diverged"]) or total is None else f"{row['diverged']}/{total}"
+def format_diverged(row: Mapping[Any, Any]) -> str:
+    """Format how many of the rollouts diverged; a dash for the paper's rows, which do not say."""
+    return "--" if pd.isna(row["diverged"]) else f"{row['diverged']}/{row['rollouts']}"
 
 
 def describe_runs(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from lagsplat.baselines.model import Baseline
 from lagsplat.baselines.networks import AttentionDecoder, compute_attention_centres
-from lagsplat.evaluate.evaluate import EvaluationSubject
 from lagsplat.evaluate.novel_views import draw_novel_view
-from lagsplat.evaluate.protocol import cut_windows, initial_states
+from lagsplat.evaluate.protocol import EvaluationSubject, roll_out
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.common.style import MARK, PAGE_IN, add_colorbar, new_figure, paper_style
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
@@ -41,10 +40,8 @@ def choose_frames(subject: EvaluationSubject) -> np.ndarray:
 
 def predict_frames(subject: EvaluationSubject, frames: np.ndarray) -> FrameStack:
     """Predict frames with a model, from its own state at the first of them."""
-    held, start, length = subject.held, frames[:1], int(frames[-1] - frames[0]) + 1
-    q0, v0 = initial_states(held, start)
-    steps_s = held.clock.steps_s(start, length)
-    states = subject.integrate(q0, v0, cut_windows(held.forcing, start, length), steps_s)[0]
+    length = int(frames[-1] - frames[0]) + 1
+    states = roll_out(subject.held, subject.integrate, frames[:1], length)[0]
     finite = np.nan_to_num(states[frames - frames[0]], posinf=0.0, neginf=0.0)
     return subject.render(finite).astype(np.float32)
 

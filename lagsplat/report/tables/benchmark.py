@@ -10,20 +10,9 @@ import pandas as pd
 
 from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.evaluate.aggregate import MEASURED, SERIES, aggregate, paired_margin
+from lagsplat.report.common import table_rows
 from lagsplat.report.common.formatting import escape_latex, format_cells, format_grouped_table
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
-from lagsplat.report.common.table_rows import (
-    build_row,
-    build_rows,
-    count_rollouts,
-    describe_runs,
-    format_diverged,
-    format_score,
-    group_runs,
-    list_spread_columns,
-    measure_margin,
-    merge_with_published,
-)
 
 MARGIN_SCORE = "mse_half_second"
 DEFAULT_DYNAMICS = "default"  # conf/stage2/default.yaml: the dynamics that baselines are compared with
@@ -56,17 +45,18 @@ def build_benchmark_rows(
     """
     ours = {
         (group.system, group.recording, group.profile): variants.get(DEFAULT_DYNAMICS, [])
-        for group, variants in group_runs(runs, metrics).items()
+        for group, variants in table_rows.group_runs(runs, metrics).items()
     }
-    baselines: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}
+    baselines: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for run, scores in zip(baseline_runs, baseline_metrics, strict=True):
-        key = (str(run["system"]), str(run["recording"]), str(run["profile"]), str(run["baseline"]))
+        key = tuple(str(run[name]) for name in ("system", "recording", "profile", "baseline"))
         baselines.setdefault(key, []).append(scores)
-    rows = build_rows(runs, metrics)
-    for (system, recording, profile, name), members in baselines.items():
-        names = {"robot": system, "recording": recording, "profile": profile}
-        row = build_row(aggregate(members), method=BASELINE_TITLES.get(name, name), **names)
-        rows.append(row | measure_margin(ours.get((system, recording, profile), []), members, MARGIN_SCORE))
+    rows = table_rows.build_rows(runs, metrics)
+    for (robot, recording, profile, name), members in baselines.items():
+        names = {"robot": robot, "recording": recording, "profile": profile}
+        row = table_rows.build_row(aggregate(members), method=BASELINE_TITLES.get(name, name), **names)
+        beside = ours.get((robot, recording, profile), [])
+        rows.append(row | table_rows.measure_margin(beside, members, MARGIN_SCORE))
     return rows
 
 
@@ -78,10 +68,14 @@ def build_benchmark_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     Raises:
         ValueError: no row.
     """
-    merged = merge_with_published(
+    merged = _merge(rows)
+    return merged.reindex(columns=[*BENCHMARK_COLUMNS, *table_rows.list_spread_columns(merged, MEASURED)])
+
+
+def _merge(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    return table_rows.merge_with_published(
         rows, lambda robots: [*list_paper_rows(robots), *list_paper_baselines(robots)]
     )
-    return merged.reindex(columns=[*BENCHMARK_COLUMNS, *list_spread_columns(merged, MEASURED)])
 
 
 def build_margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
@@ -92,17 +86,15 @@ def build_margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict
     zero. Without a constant-coefficient run the table is empty.
     """
     rows: list[dict[str, Any]] = []
-    for group, variants in group_runs(runs, metrics).items():
+    for group, variants in table_rows.group_runs(runs, metrics).items():
         constant = variants.pop(CONSTANT_DYNAMICS, [])
         for name, members in variants.items() if constant else ():
             for score, (block, key) in SERIES.items():
                 if not all(key in run[block] for run in [*members, *constant]):
                     continue  # without a natural period nothing was scored over two of them
                 margin = paired_margin(members, constant, score=score)
-                rows.append(
-                    {"robot": group.system, "dynamics": name, "baseline": CONSTANT_DYNAMICS, **margin}
-                    | {"recording": group.recording, "profile": group.profile, "n_seeds": len(members)}
-                )
+                names = {"robot": group.system, "dynamics": name, "baseline": CONSTANT_DYNAMICS}
+                rows.append({**names, **margin, **group.place, "n_seeds": len(members)})
     return pd.DataFrame(rows, columns=list(MARGIN_COLUMNS))
 
 
@@ -111,7 +103,6 @@ def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
 
     The caption names the recordings, the profiles and what the brackets are.
     """
-    rollouts = count_rollouts(rows)
 
     def format_row(row: Mapping[Any, Any]) -> str:
         steps = row.get("steps")
@@ -119,17 +110,18 @@ def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
             escape_latex(str(row["method"])),
             escape_latex(str(row["dynamics"])),
             str(row["d"]),
-            *(format_score(row, name, scale=BENCHMARK_SCALES.get(name, 1.0)) for name in MEASURED),
-            format_score(row, "margin", scale=BENCHMARK_SCALES[MARGIN_SCORE]),
+            *(table_rows.format_score(row, name, scale=BENCHMARK_SCALES.get(name, 1.0)) for name in MEASURED),
+            table_rows.format_score(row, "margin", scale=BENCHMARK_SCALES[MARGIN_SCORE]),
             escape_latex(str(row["external_force"])),
-            format_diverged(row, rollouts),
+            table_rows.format_diverged(row),
             "--" if steps is None or pd.isna(steps) else f"{int(steps)}",
             escape_latex(str(row["recording"])),
         )
 
     recordings = " and ".join(sorted({_name_recording(row) for row in rows}))
+    described = table_rows.describe_runs(rows)
     return format_grouped_table(
-        build_benchmark_table(rows),
+        _merge(rows),
         by="robot",
         titles=titles,
         row=format_row,
@@ -142,7 +134,7 @@ def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
         alignment="llcccccccccccl",
         caption=(
             "Half-second forecasts, free oscillation and two-period forecasts on the held-out part of the "
-            f"{recordings}, {describe_runs(rows)} A rollout that diverges stays in every mean, scored no "
+            f"{recordings}, {described} A rollout that diverges stays in every mean, scored no "
             "better than the mean prediction. The half second counts the given initial state as its first; "
             "from next, as many states follow it. Our gain is how much lower the half-second error of "
             "LaGSplat is on the same starts, with its 95 % interval over them. Steps are those of training "
@@ -156,5 +148,4 @@ def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
 
 def _name_recording(row: Mapping[str, Any]) -> str:
     """A recording as the caption calls it: a file that a user gave need not be what a camera saw."""
-    source = row.get("source")
-    return f"{row['recording']} recording" + (f" ({source})" if source else "")
+    return f"{row['recording']} recording" + (f" ({row['source']})" if row.get("source") else "")

@@ -7,10 +7,10 @@ table of free rollouts; and what no learned Lagrangian can break.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import aggregate
+from lagsplat.report.common import table_rows
 from lagsplat.report.common.formatting import (
     escape_latex,
     format_cells,
@@ -18,21 +18,8 @@ from lagsplat.report.common.formatting import (
     format_latex_number,
     format_latex_table,
     join_distinct,
-    rescale,
 )
 from lagsplat.report.common.published_values import RECORDING
-from lagsplat.report.common.table_rows import (
-    build_row,
-    count_rollouts,
-    describe_runs,
-    format_diverged,
-    format_score,
-    group_runs,
-    list_spread_columns,
-    measure_margin,
-    merge_with_published,
-    name_changes,
-)
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
 TRUTH_CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
@@ -47,7 +34,11 @@ MASS_COLUMNS = (
     *("robot", "mass", "d", *MASS_SCORES, "margin", "margin_low", "margin_high", *INERTIA_MEASURES),
     *("ae_floor", "diverged", "recording", "profile", "n_seeds"),
 )
-MASS_SCALES = {"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2}
+MASS_SCALES = {"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2, "latent_nrmse": 1.0} | {
+    "state_dependence": 1e2,
+    "span": 1.0,
+}
+"""The printed columns between the name and the condition, and the factors to their units."""
 # Half-second error and frequency error of the two-segment arm; of the constant mass the first alone.
 PAPER_MASSES = {
     LEARNED_MASS: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
@@ -56,9 +47,8 @@ PAPER_MASSES = {
 }
 PAPER_ROBOT = "krauss_2seg"
 
-PHYSICAL_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
-PHYSICAL_COLUMNS = ("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds")
-PHYSICAL_SCALES = {"ae_floor": 1e4, "frequency_error": 1e2}
+PHYSICAL_SCALES = {"frequency_error": 1e2, "latent_nrmse": 1.0, "image_ratio": 1.0, "ae_floor": 1e4}
+PHYSICAL_COLUMNS = ("system", "d", *PHYSICAL_SCALES, "diverged", "recording", "profile", "n_seeds")
 
 RUN_FIELDS = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
 GUARANTEE_FIELDS = (
@@ -78,17 +68,14 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
         ValueError: no recording has a truth.
     """
     rows: list[dict[str, Any]] = []
-    for group, variants in group_runs(runs, metrics).items():
+    for group, variants in table_rows.group_runs(runs, metrics).items():
         for stage2, members in variants.items():
             seeds = [run["truth"]["rows"] for run in members if "truth" in run]
-            changed = name_changes(group.stage1, stage2)
+            changed = table_rows.name_changes(group.stage1, stage2)
             for quantity in dict.fromkeys(row["quantity"] for seed in seeds for row in seed):
                 same = [row for seed in seeds for row in seed if row["quantity"] == quantity]
-                rows.append(
-                    {"system": group.system, "quantity": quantity + changed}
-                    | _summarize_seeds(same)
-                    | {"recording": group.recording, "profile": group.profile, "n_seeds": len(seeds)}
-                )
+                names = {"system": group.system, "quantity": quantity + changed, **group.place}
+                rows.append({**names, **_summarize_seeds(same), "n_seeds": len(seeds)})
     if not rows:
         raise ValueError("no run has a truth to compare with: evaluate one of a simulated recording")
     frame = pd.DataFrame(rows, dtype=object)
@@ -97,15 +84,12 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
 
 
 def _summarize_seeds(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    summary: dict[str, Any] = {}
-    for name in ("learned", "truth", "error", "encoded", "residual"):
-        values = [row[name] for row in rows if row[name] is not None]
-        summary[name] = float(np.median(values)) if values else None
-        if name == "learned":
-            several = len(set(values)) > 1
-            summary["learned_low"] = min(values) if several else None
-            summary["learned_high"] = max(values) if several else None
-    return summary
+    names = ("learned", "truth", "error", "encoded", "residual")
+    summary: dict[str, Any] = {name: table_rows.take_median(row[name] for row in rows) for name in names}
+    learned = {row["learned"] for row in rows} - {None}
+    several = len(learned) > 1
+    low, high = (min(learned), max(learned)) if several else (None, None)
+    return summary | {"learned_low": low, "learned_high": high}
 
 
 def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
@@ -114,9 +98,8 @@ def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str
     def format_row(row: Mapping[Any, Any]) -> str:
         return format_cells(
             escape_latex(str(row["quantity"])),
-            format_latex_number(row["learned"], row.get("learned_low"), row.get("learned_high")),
-            *(format_latex_number(row[name]) for name in ("truth", "encoded")),
-            *(format_latex_number(rescale(row[name], 100.0)) for name in ("error", "residual")),
+            *(table_rows.format_score(row, name) for name in ("learned", "truth", "encoded")),
+            *(table_rows.format_score(row, name, scale=100.0) for name in ("error", "residual")),
         )
 
     seeds = " or ".join(sorted(set(table["n_seeds"].astype(str))))
@@ -150,17 +133,17 @@ def build_mass_rows(
     medians over seeds.
     """
     rows: list[dict[str, Any]] = []
-    for group, variants in group_runs(runs, metrics).items():
+    for group, variants in table_rows.group_runs(runs, metrics).items():
         constant = variants.get(CONSTANT_MASS, [])
         for name, members in variants.items():
-            names = {"robot": group.system, "recording": group.recording, "profile": group.profile}
-            row = build_row(aggregate(members), method="LaGSplat", **names)
+            row = table_rows.build_row(
+                aggregate(members), robot=group.system, method="LaGSplat", **group.place
+            )
             row["mass"] = MASS_TITLES.get(name, LEARNED_MASS)
-            row |= {
-                key: float(np.median([run["inertia"][key] for run in members])) for key in INERTIA_MEASURES
-            }
+            for key in INERTIA_MEASURES:
+                row[key] = table_rows.take_median(run["inertia"][key] for run in members)
             if constant and name != CONSTANT_MASS:
-                row |= measure_margin(members, constant, "mse_half_second")
+                row |= table_rows.measure_margin(members, constant, "mse_half_second")
             rows.append(row)
         if group.system == PAPER_ROBOT:
             paper = {"robot": group.system, "d": 4, "recording": RECORDING, "profile": "the paper's"}
@@ -170,7 +153,7 @@ def build_mass_rows(
 
 def build_mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Build the table of the rows of `build_mass_rows`, with the columns `MASS_COLUMNS`."""
-    return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(MASS_COLUMNS))
+    return table_rows.build_table(rows, MASS_COLUMNS)
 
 
 def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
@@ -180,15 +163,10 @@ def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str,
     """
 
     def format_row(row: Mapping[Any, Any]) -> str:
-        median, largest = (
-            format_latex_number(row.get(name)) for name in ("condition_median", "condition_max")
-        )
-        scores = ("mse_half_second", "margin", "frequency_error", "latent_nrmse")
+        median, largest = (format_latex_number(row[name]) for name in ("condition_median", "condition_max"))
         return format_cells(
             escape_latex(str(row["mass"])),
-            *(format_score(row, name, scale=MASS_SCALES.get(name, 1.0)) for name in scores),
-            format_latex_number(rescale(row.get("state_dependence"), 100.0)),
-            format_latex_number(row.get("span")),
+            *(table_rows.format_score(row, name, scale=scale) for name, scale in MASS_SCALES.items()),
             "--" if median == "--" else f"{median} ({largest})",
             escape_latex(str(row["recording"])),
         )
@@ -227,10 +205,10 @@ def build_physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     Raises:
         ValueError: no row.
     """
-    frame = merge_with_published(rows).rename(columns={"robot": "system"})
+    frame = table_rows.merge_with_published(rows).rename(columns={"robot": "system"})
     several = {row["method"] for row in rows} - {"LaGSplat"}
     frame["dynamics"] = [_name_dynamics(row) for row in frame.to_dict("records")]
-    spread = list_spread_columns(frame, PHYSICAL_SCORES)
+    spread = table_rows.list_spread_columns(frame, list(PHYSICAL_SCALES))
     return frame.reindex(columns=[*PHYSICAL_COLUMNS, *(["dynamics"] if several else []), *spread])
 
 
@@ -239,18 +217,19 @@ def format_physical_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[
 
     Source: paper, Table "Free rollouts".
     """
-    rollouts, body = count_rollouts(rows), []
-    for system, block in merge_with_published(rows).groupby("robot", sort=False):
+    body = []
+    for system, block in table_rows.merge_with_published(rows).groupby("robot", sort=False):
         body.append(r"\midrule")
         for index, row in enumerate(block.to_dict("records")):
             dynamics = rf"\quad {escape_latex(_name_dynamics(row))}"
             name = dynamics if index else escape_latex(titles.get(str(system), str(system)))
             scores = (
-                format_score(row, score, scale=PHYSICAL_SCALES.get(score, 1.0)) for score in PHYSICAL_SCORES
+                table_rows.format_score(row, score, scale=scale) for score, scale in PHYSICAL_SCALES.items()
             )
-            recording = escape_latex(str(row["recording"]))
-            body.append(format_cells(name, str(row["d"]), *scores, format_diverged(row, rollouts), recording))
-    recordings = join_distinct(row["recording"] for row in rows)
+            diverged, recording = table_rows.format_diverged(row), escape_latex(str(row["recording"]))
+            body.append(format_cells(name, str(row["d"]), *scores, diverged, recording))
+    recordings = join_distinct(row["recording"] for row in rows).capitalize()
+    described = table_rows.describe_runs(rows)
     return format_latex_table(
         head=[
             r"System & $d$ & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
@@ -262,7 +241,7 @@ def format_physical_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[
         caption=(
             "Free rollouts on the held-out part: error of the free frequency, of the latent state and of the "
             "image over two natural periods, the image's as a multiple of the static error of the "
-            f"autoencoder. {recordings.capitalize()} recordings, {describe_runs(rows)} A rollout that "
+            f"autoencoder. {recordings} recordings, {described} A rollout that "
             "diverges stays in every mean, scored no better than the mean prediction, and is counted over "
             "all scores of the run. The paper's own numbers were measured on its filmed recordings, and are "
             "not comparable with a simulated one."
@@ -287,8 +266,5 @@ def build_guarantee_table(
     """
     if not runs:
         raise ValueError("no learned Lagrangian to check: train a run first")
-    rows = [
-        {name: run[name] for name in RUN_FIELDS} | dict(result)
-        for run, result in zip(runs, results, strict=True)
-    ]
-    return pd.DataFrame(rows, dtype=object).reindex(columns=[*RUN_FIELDS, *GUARANTEE_FIELDS])
+    rows = [{**run, **result} for run, result in zip(runs, results, strict=True)]
+    return table_rows.build_table(rows, [*RUN_FIELDS, *GUARANTEE_FIELDS])

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 from scipy.linalg import expm
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import HeldOut
+from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut
 
 DT_S = 1001 / 60000
 DEFAULTS = Path(__file__).parents[3] / "conf" / "evaluate" / "default.yaml"
@@ -76,6 +76,13 @@ def world(*, frames: int = 1500, tail: int = 600, noise: float = 0.0, inputs: bo
         return stored[chosen]
 
     return held, pictures
+
+
+def subject(**changes) -> EvaluationSubject:
+    """The true law as a model of the world, with some of its parts changed."""
+    held, pictures = world()
+    parts = {"held": held, "pictures": pictures, "render": render, "integrate": integrate} | changes
+    return EvaluationSubject(d=2, dynamics="linear", external_force="none", **parts)
 
 
 def cut(held: HeldOut, *edges: int) -> HeldOut:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.forecast import image_forecast, standard_error
+from lagsplat.evaluate.forecast import image_forecast
 from lagsplat.evaluate.protocol import HeldOut
-from tests.unit.evaluate.stand_ins import DT_S, integrate, render, settings, world
+from tests.unit.evaluate.stand_ins import DT_S, integrate, render, settings, subject, world
 
 
 def by_hand(held: HeldOut, pictures, scale: float) -> list[float]:
@@ -26,7 +26,8 @@ def by_hand(held: HeldOut, pictures, scale: float) -> list[float]:
 @pytest.mark.parametrize("scale", [1.0, 1.2])
 def test_agrees_with_the_protocol_by_hand(scale):
     held, pictures = world(noise=0.01)
-    result = image_forecast(held, pictures, render, lambda *a: integrate(*a, scale=scale), settings())
+    model = subject(held=held, pictures=pictures, integrate=lambda *a: integrate(*a, scale=scale))
+    result = image_forecast(model, settings())
     expected = by_hand(held, pictures, scale)
     assert result["states"] == 30
     assert np.allclose(result["per_window"], expected, rtol=1e-6)
@@ -38,22 +39,19 @@ def test_agrees_with_the_protocol_by_hand(scale):
 
 
 def test_true_law_beats_holding_the_first_frame_a_hundredfold():
-    held, pictures = world()
-    result = image_forecast(held, pictures, render, integrate, settings())
+    result = image_forecast(subject(), settings())
     assert result["mse"] < 0.01 * result["hold"]
 
 
 @pytest.mark.parametrize("loss", [np.nan, 1e12])
 def test_divergence_is_counted_and_never_pays(loss):
-    held, pictures = world()
-
     def some_diverge(q0, v0, inputs, steps_s):
         rollouts = integrate(q0, v0, inputs, steps_s)
         rollouts[:5, 10:] = loss
         return rollouts
 
-    sound = image_forecast(held, pictures, render, integrate, settings())
-    result = image_forecast(held, pictures, render, some_diverge, settings())
+    sound = image_forecast(subject(), settings())
+    result = image_forecast(subject(integrate=some_diverge), settings())
     assert result["diverged"] == 5
     assert result["windows"] == len(result["per_window"]) == 12
     assert np.isfinite(result["per_window"]).all()
@@ -63,18 +61,16 @@ def test_divergence_is_counted_and_never_pays(loss):
 
 
 def test_a_law_that_always_diverges_scores_worse_than_the_mean_frame_after_its_first_state():
-    held, pictures = world()
-
     def lost(q0, v0, inputs, steps_s):
         rollouts = np.full((len(q0), inputs.shape[1], 2), np.nan)
         rollouts[:, 0] = q0
         return rollouts
 
-    result = image_forecast(held, pictures, render, lost, settings())
+    result = image_forecast(subject(integrate=lost), settings())
     assert result["diverged"] == 12
     assert result["mse_staying"] is None
     assert result["mse"] > 0.9 * result["mean_frame"]
 
 
 def test_one_window_has_no_standard_error():
-    assert standard_error(np.array([1.0])) is None
+    assert image_forecast(subject(), settings(starts=1))["standard_error"] is None

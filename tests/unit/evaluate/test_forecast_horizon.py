@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.evaluate.forecast import error_over_horizon
-from tests.unit.evaluate.stand_ins import DT_S, integrate, render, settings, world
+from tests.unit.evaluate.stand_ins import DT_S, settings, subject, world
 
 
 def along(frames: int = 900, **changes: object) -> dict:
@@ -12,7 +12,7 @@ def along(frames: int = 900, **changes: object) -> dict:
     figure = settings().figure
     for key, value in ({"horizon_starts": 6} | changes).items():
         setattr(figure, key, value)
-    return error_over_horizon(held, pictures, render, integrate, settings(figure=figure))
+    return error_over_horizon(subject(held=held, pictures=pictures), settings(figure=figure))
 
 
 def test_the_true_law_stays_at_the_floor():

@@ -53,12 +53,13 @@ def test_windows_tile_the_tail_and_start_from_the_encoded_state():
     held, _ = world()
     windows, reason = cut_free_windows(held, integrate, settings())
     assert reason == ""
-    assert [len(window.encoded) for window in windows] == [len(windows[0].encoded)] * len(windows)
-    assert len(windows[0].encoded) == pytest.approx(8 / (1.4 * DT_S), rel=0.02)
+    assert len({len(window.encoded.states) for window in windows}) == 1
+    assert len(windows[0].encoded.states) == pytest.approx(8 / (1.4 * DT_S), rel=0.02)
     assert windows[0].start == 900
-    assert np.allclose([window.simulated[0] for window in windows], [window.encoded[0] for window in windows])
-    assert windows[0].encoded_peak.visible_hz == pytest.approx(1.4, rel=0.01)
-    assert windows[0].simulated_modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
+    for window in windows:
+        assert np.allclose(window.rollout.states[0], window.encoded.states[0])
+    assert windows[0].encoded.peak.visible_hz == pytest.approx(1.4, rel=0.01)
+    assert windows[0].rollout.modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
 
 
 def test_quiet_windows_are_left_out():
@@ -101,14 +102,15 @@ def test_an_uneven_clock_is_seen_through() -> None:
     windows, _ = cut_free_windows(replace(film, time_s=time_s), simulate, settings())
     assert windows
     for window in windows:
-        for modes in (window.encoded_modes, window.simulated_modes):
-            assert modes[0].frequency_hz == pytest.approx(1.4, rel=0.005)
-            assert modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
-        assert window.encoded_peak.visible_hz == pytest.approx(1.4, rel=0.01)
-        np.testing.assert_allclose(window.simulated, window.encoded, atol=0.05 * np.abs(window.encoded).max())
+        for motion in (window.encoded, window.rollout):
+            assert motion.modes[0].frequency_hz == pytest.approx(1.4, rel=0.005)
+            assert motion.modes[0].rate_per_s == pytest.approx(0.4, rel=0.02)
+        assert window.encoded.peak.visible_hz == pytest.approx(1.4, rel=0.01)
+        encoded, rolled_out = window.encoded.states, window.rollout.states
+        np.testing.assert_allclose(rolled_out, encoded, atol=0.05 * np.abs(encoded).max())
 
     def even(q0, v0, inputs, dt_s):
         return simulate(q0, v0, inputs, np.full((len(q0), inputs.shape[1] - 1), dt_s))
 
     taken_for_even, _ = cut_free_windows(film, even, settings())
-    assert abs(taken_for_even[0].encoded_modes[0].frequency_hz / 1.4 - 1) > 0.02
+    assert abs(taken_for_even[0].encoded.modes[0].frequency_hz / 1.4 - 1) > 0.02

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.latent import latent_forecast, squared_norm
-from tests.unit.evaluate.stand_ins import DT_S, METRIC, integrate, render, settings, world
+from lagsplat.evaluate.forecast import latent_forecast
+from lagsplat.evaluate.protocol import squared_norm
+from tests.unit.evaluate.stand_ins import DT_S, METRIC, integrate, settings, subject, world
 
 PERIOD_S = 1 / 1.4
 
 
 def score(law):
     held, pictures = world(noise=0.02)
-    return latent_forecast(held, pictures, render, law(held), settings(starts=60), period_s=PERIOD_S)
+    model = subject(held=held, pictures=pictures, integrate=law(held))
+    return latent_forecast(model, settings(starts=60), period_s=PERIOD_S)
 
 
 def test_perfect_prediction_has_no_error():
@@ -64,7 +66,6 @@ def test_norm_is_taken_in_the_metric():
 
 
 def test_a_horizon_longer_than_the_clip_is_a_reason_and_no_failure():
-    held, pictures = world()
-    found = latent_forecast(held, pictures, render, integrate, settings(), period_s=1000.0)
+    found = latent_forecast(subject(), settings(), period_s=1000.0)
     assert list(found) == ["reason"]
     assert "shorten the horizon" in found["reason"]

@@ -35,7 +35,7 @@ def test_accurate_and_covered(frequency_hz, rate, frames, drift):
         for _ in range(8)
     ]
     errors = np.array([(fit.frequency_hz - frequency_hz, fit.rate_per_s - rate) for fit in fits])
-    sigmas = np.array([(fit.frequency_sigma_hz, fit.rate_sigma_per_s) for fit in fits])
+    sigmas = np.array([(fit.frequency_sigma, fit.rate_sigma) for fit in fits])
     assert np.abs(errors[:, 0]).max() < 0.02 * frequency_hz
     assert np.abs(np.median(errors[:, 1])) < 0.03 * rate
     assert np.mean(np.abs(errors) < 3 * sigmas) > 0.85

@@ -1,7 +1,6 @@
 """Learned physics against the truth: two oscillations whose answers are known in closed form."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from lagsplat.evaluate.evaluate import make_integrator
 from lagsplat.evaluate.free_motion import compare_decay, compute_linear_modes, cut_free_windows
 from lagsplat.evaluate.protocol import select_held_out
 from lagsplat.evaluate.truth import compare_with_truth, fit_polynomial
+from lagsplat.systems.truth import Truth
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -41,12 +41,21 @@ def known():
         metric=np.eye(2),
     )
     frequencies, rates = np.array([TRUE_HZ, 4.1]), np.array([TRUE_RATE, 0.9])
-    truth = SimpleNamespace(
+    truth = Truth(
         coordinates=("a [rad]", "b [rad]"),
         states=states,
+        velocities=np.zeros((N, 2)),
+        pressures=np.zeros((N, 0)),
+        forces=np.zeros((N, 2)),
+        kinetic_energy=np.zeros(N),
+        potential_energy=np.zeros(N),
+        mass_frames=np.zeros(0, dtype=np.int64),
+        mass_matrices=np.zeros((0, 2, 2)),
         rest=REST,
+        natural_frequencies_hz=frequencies,
         damped_frequencies_hz=frequencies,
         decay_rates_per_s=rates,
+        damping_ratios=np.zeros(2),
     )
     return chart, truth
 
@@ -80,7 +89,7 @@ def test_one_learned_oscillation_stands_for_one_true_mode_only(known):
 
 def test_what_is_not_excited_is_not_compared(known):
     chart, truth = known
-    still = SimpleNamespace(**{**vars(truth), "states": truth.states.copy()})
+    still = replace(truth, states=truth.states.copy())
     still.states[SPLIT:, 1] = REST[1]
     assert not any("mode 2" in quantity for quantity in compared(chart, still))
 
@@ -94,7 +103,7 @@ def test_the_equilibrium_is_read_in_true_coordinates(known):
         assert row["truth"] == rest
         assert row["residual"] < 0.05
     chart, truth = known
-    moved = SimpleNamespace(**{**vars(truth), "rest": REST + np.array([0.5, 0.0])})
+    moved = replace(truth, rest=REST + np.array([0.5, 0.0]))
     row = compared(chart, moved)["equilibrium, a [rad]"]
     assert row["error"] == pytest.approx(0.5 / truth.states[:, 0].std(), rel=0.05)
 
@@ -111,7 +120,7 @@ def test_without_free_motion_the_law_alone_is_compared(known):
 
 def test_the_truth_of_another_recording_is_refused(known):
     chart, truth = known
-    short = SimpleNamespace(**{**vars(truth), "states": truth.states[:-1]})
+    short = replace(truth, states=truth.states[:-1])
     with pytest.raises(ValueError, match="1199 states and the chart 1200"):
         compared(chart, short)
 

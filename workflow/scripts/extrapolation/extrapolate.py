@@ -3,6 +3,7 @@
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.forecast import extrapolate_run
+from lagsplat.evaluate.extrapolation.scene import open_scene
 from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
@@ -14,5 +15,5 @@ with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)
     lagrangian, _ = load_dynamics(job.input.dynamics)
     recording = load_recording(job.input.recording)
-    found = extrapolate_run(autoencoder, chart, lagrangian, recording, job.section(ExtrapolationConfig))
-    save_json(job.output.found, found | {"made_by": job.header})
+    scene = open_scene(autoencoder, chart, lagrangian, recording, job.section(ExtrapolationConfig))
+    save_json(job.output.found, extrapolate_run(scene) | {"made_by": job.header})

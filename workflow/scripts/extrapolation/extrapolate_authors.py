@@ -3,6 +3,7 @@
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.images import extrapolate_frames
+from lagsplat.evaluate.extrapolation.scene import open_scene
 from lagsplat.io.files.artifact import load_artifact
 from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
@@ -18,5 +19,5 @@ with Job(snakemake) as job:
     )
     frames = load_artifact(job.input.frames, kind="predicted", schema=1, mapped=("frames",))[0]["frames"]
     recording, config = load_recording(job.input.recording), job.section(ExtrapolationConfig)
-    found = extrapolate_frames(*run, frames, recording, config)
+    found = extrapolate_frames(open_scene(*run, recording, config), frames)
     save_json(job.output.found, found | {"made_by": job.header})

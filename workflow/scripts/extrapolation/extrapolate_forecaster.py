@@ -4,6 +4,7 @@ from lagsplat.baselines.keypoints.model import load_forecaster
 from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.images import extrapolate_forecaster
+from lagsplat.evaluate.extrapolation.scene import open_scene
 from lagsplat.io.files.atomic import save_json
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
@@ -18,5 +19,5 @@ with Job(snakemake) as job:
     )
     model, header = load_forecaster(job.input.model)
     recording, config = load_recording(job.input.recording), job.section(ExtrapolationConfig)
-    found = extrapolate_forecaster(*run, model, recording, config)
+    found = extrapolate_forecaster(open_scene(*run, recording, config), model)
     save_json(job.output.found, found | {"training_wall_s": header["wall_s"], "made_by": job.header})

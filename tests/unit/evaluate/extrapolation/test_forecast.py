@@ -9,29 +9,29 @@ from scipy.linalg import expm
 
 from lagsplat.baselines.keypoints.model import Forecaster, read_forecaster_architecture, scatter_points
 from lagsplat.baselines.neural_ode import NeuralOde
-from lagsplat.evaluate.evaluate import make_renderer
 from lagsplat.evaluate.extrapolation.forecast import (
+    choose_looks,
     extrapolate_ode,
     extrapolate_run,
     fit_start,
     make_law_predictor,
-    measure_states,
-    open_scene,
-    roll_out_free_motion,
     score_aligned_psnr,
     score_extrapolation,
     score_held_out_psnr,
     to_decibels,
 )
-from lagsplat.evaluate.extrapolation.images import ImagePredictor, extrapolate_forecaster, extrapolate_frames
+from lagsplat.evaluate.extrapolation.images import (
+    extrapolate_forecaster,
+    extrapolate_frames,
+    make_image_predictor,
+)
 from lagsplat.evaluate.extrapolation.oscillation import (
     compare_oscillations,
     fit_oscillation,
     measure_amplitude,
-    read_states,
-    summarize_reading,
 )
-from lagsplat.evaluate.forecast import choose_boundary_clip
+from lagsplat.evaluate.extrapolation.scene import Scene, choose_boundary_clip, open_scene, summarize_readings
+from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from tests.unit.baselines.keypoints import problems as key_points
 from tests.unit.evaluate import swing
 
@@ -39,10 +39,13 @@ EYE = np.eye(1)
 
 
 @pytest.fixture(scope="module")
-def scene():
-    film = swing.recording()
-    autoencoder, chart, lagrangian = swing.run(film)
-    return film, autoencoder, chart, lagrangian
+def film():
+    return swing.recording()
+
+
+@pytest.fixture(scope="module")
+def scene(film) -> Scene:
+    return open_scene(*swing.run(film), film, swing.settings())
 
 
 def test_an_oscillation_is_read_with_its_uncertainty() -> None:
@@ -97,8 +100,7 @@ def test_a_lag_costs_decibels_until_it_is_taken_out() -> None:
 
 
 def test_the_clip_that_crosses_is_found_or_the_reason_given(scene) -> None:
-    _, _, chart, _ = scene
-    crossing = choose_boundary_clip(chart)
+    chart, crossing = scene.chart, scene.clip
     assert (crossing.n_train, crossing.stop) == (80, 120)
     assert crossing.period_s == pytest.approx(1 / swing.FREQUENCY_HZ, rel=0.03)
     np.testing.assert_allclose(crossing.ahead, np.arange(1.0, 41.0), atol=1e-9)
@@ -120,9 +122,8 @@ def linear_law(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
 
 
 def test_a_start_is_found_from_training_frames_alone(scene) -> None:
-    _, _, chart, _ = scene
     path = linear_law(np.array([[1.0]]), np.array([[3.0]]), 120)[0]
-    crossing = replace(choose_boundary_clip(chart), latents=path)
+    crossing = replace(scene.clip, latents=path)
     crossing.latents[80:] = np.nan
     q, v = fit_start(linear_law, crossing, at=0, frames=15)
     np.testing.assert_allclose([q[0, 0], v[0, 0]], [1.0, 3.0], rtol=1e-5)
@@ -131,22 +132,18 @@ def test_a_start_is_found_from_training_frames_alone(scene) -> None:
 
 
 def test_frames_of_another_kind_are_out_of_range(scene) -> None:
-    film, autoencoder, chart, _ = scene
-    _, known, pictures = open_scene(autoencoder, chart, film)
-    config = swing.settings()
-    reading = read_states(known, pictures(np.arange(30)), config)
-    np.testing.assert_allclose(reading.states, chart.latents[:30], atol=1e-6)
-    assert summarize_reading([reading])["inside"] == 1.0
+    reading = scene.read(scene.pictures(np.arange(30)))
+    np.testing.assert_allclose(reading.states, scene.chart.latents[:30], atol=1e-6)
+    assert summarize_readings([reading])["inside"] == 1.0
     assert reading.distance.max() < 1e-6
     noise = np.random.default_rng(0).random((5, 3, swing.SIDE, swing.SIDE)).astype(np.float32)
-    assert not read_states(known, noise, config).inside.any()
+    assert not scene.read(noise).inside.any()
     with pytest.raises(ValueError, match="20 x 16 pixels"):
-        read_states(known, np.zeros((2, 3, 20, 16), dtype=np.float32), config)
+        scene.read(np.zeros((2, 3, 20, 16), dtype=np.float32))
 
 
 def test_a_run_is_measured_whole(scene) -> None:
-    film, autoencoder, chart, lagrangian = scene
-    found = extrapolate_run(autoencoder, chart, lagrangian, film, swing.settings())
+    found = extrapolate_run(scene)
     assert found["recording"]["held_out"] == len(found["psnr"]["per_frame"]) == 40
     assert abs(found["psnr"]["mean"] - found["floor"]["mean"]) < 1.0
     assert found["aligned"]["mean"] >= found["psnr"]["mean"]
@@ -161,17 +158,14 @@ def test_a_run_is_measured_whole(scene) -> None:
 
 
 def test_a_model_that_is_never_in_range_gets_no_physics(scene) -> None:
-    film, autoencoder, chart, lagrangian = scene
-    crossing, known, pictures = open_scene(autoencoder, chart, film)
-    config = swing.settings()
     rng = np.random.default_rng(0)
 
     def noise(at: np.ndarray) -> np.ndarray:
         return rng.random((len(at), 3, swing.SIDE, swing.SIDE)).astype(np.float32)
 
-    fitted = pictures(np.arange(crossing.n_train))
-    predictor = ImagePredictor(known, config, crossing, fitted, noise, between_frames=False)
-    found = score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
+    fitted = scene.pictures(np.arange(scene.clip.n_train))
+    predictor = make_image_predictor(scene, fitted, noise, between_frames=False)
+    found = score_extrapolation(predictor, scene)
     assert found["left"] is None
     assert found["physics"]["frequency_error"] is None
     assert "of the kind the encoder knows" in found["reason"]
@@ -179,84 +173,73 @@ def test_a_model_that_is_never_in_range_gets_no_physics(scene) -> None:
 
 
 def test_pictures_of_the_truth_are_as_good_as_the_film(scene) -> None:
-    film, autoencoder, chart, lagrangian = scene
-    crossing, known, pictures = open_scene(autoencoder, chart, film)
-    config = swing.settings()
-
     def truth(at: np.ndarray) -> np.ndarray:
         return np.concatenate([swing.pictures(swing.motion(1, first=79 + int(t))) for t in at])
 
-    fitted = pictures(np.arange(crossing.n_train))
-    predictor = ImagePredictor(known, config, crossing, fitted, truth, between_frames=False)
-    found = score_extrapolation(predictor, crossing, known, pictures, config, lagrangian)
+    fitted = scene.pictures(np.arange(scene.clip.n_train))
+    predictor = make_image_predictor(scene, fitted, truth, between_frames=False)
+    found = score_extrapolation(predictor, scene)
     assert found["psnr"]["mean"] > 45
     assert abs(found["physics"]["rate_error"]) < 0.02
     assert abs(found["held_out"]["frequency_error"]) < 0.02
     assert found["left"] < 0.01
 
 
-def test_a_forecaster_and_a_free_equation_are_measured_alike(scene) -> None:
-    film, autoencoder, chart, lagrangian = scene
-    config = swing.settings()
+def test_a_forecaster_and_a_free_equation_are_measured_alike(scene, film) -> None:
     torch.manual_seed(0)
     settings = key_points.settings()
     of = read_forecaster_architecture(settings, height=swing.SIDE, width=swing.SIDE, frames=80)
     forecaster = Forecaster(of, backend="torch")
     scatter_points(forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0))
     forecaster.keys.gather(forecaster.scene.place.detach(), forecaster.scene.feature.detach(), seed=0)
-    pictures = extrapolate_forecaster(autoencoder, chart, lagrangian, forecaster.eval(), film, config)
+    pictures = extrapolate_forecaster(scene, forecaster.eval())
     ode = NeuralOde(1, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
     with torch.no_grad():
         ode.head.weight.zero_()
         ode.head.bias.zero_()
-    still = extrapolate_ode(autoencoder, chart, lagrangian, ode, film, config)
+    still = extrapolate_ode(scene, ode)
     assert set(still) < set(pictures)
     assert pictures["own"]["fitted_psnr"] > 0
     assert len(pictures["own"]["in_time"]["per_frame"]) == 40
     # nothing moves where nothing changes: no amplitude, hence no oscillation
     assert still["left"] == 0.0
     assert still["physics"]["frequency_error"] is None
-    longer, other = swing.recording(held_out=30), replace(chart, n_train=90)
+    longer, chart = swing.recording(held_out=30), replace(scene.chart, n_train=90)
+    other = open_scene(scene.autoencoder, chart, scene.lagrangian, longer, scene.config)
     with pytest.raises(ValueError, match="trained on 80 frames of 16 x 16, the clip has 90"):
-        extrapolate_forecaster(autoencoder, other, lagrangian, forecaster, longer, config)
+        extrapolate_forecaster(other, forecaster)
 
 
 def test_frames_of_another_program_are_read_and_what_they_do_not_hold_is_not_said(scene) -> None:
-    film, autoencoder, chart, lagrangian = scene
-    config = swing.settings()
     truth = np.moveaxis(swing.pictures(swing.motion(200, first=80)), 1, 3)
     frames = np.round(255 * truth).astype(np.uint8)
-    found = extrapolate_frames(autoencoder, chart, lagrangian, frames, film, config)
+    found = extrapolate_frames(scene, frames)
     assert found["psnr"]["mean"] > 45
     assert found["left"] is None
     assert "were predicted, not the 20 s" in found["reason"]
     assert found["physics"]["frequency_error"] is None
     assert abs(found["held_out"]["frequency_error"]) < 0.01
     with pytest.raises(ValueError, match="20 predicted frames, but 40"):
-        extrapolate_frames(autoencoder, chart, lagrangian, frames[:20], film, config)
+        extrapolate_frames(scene, frames[:20])
     with pytest.raises(ValueError, match="8 x 16 pixels"):
-        extrapolate_frames(autoencoder, chart, lagrangian, frames[:, :8], film, config)
+        extrapolate_frames(scene, frames[:, :8])
 
 
 def test_looks_end_at_the_horizon_and_never_overlap_what_is_shown(scene) -> None:
-    crossing = choose_boundary_clip(scene[2])
-    looks = measure_states(crossing, swing.settings())
+    looks = choose_looks(scene.clip, scene.config)
     assert looks[0] == (0, 120)
     assert looks[-1][1] == 600
     assert all(first >= 120 for first, _ in looks[1:])
 
 
 def test_a_law_that_blows_up_is_measured_and_not_dropped(scene) -> None:
-    film, autoencoder, chart, _ = scene
-    crossing, known, pictures = open_scene(autoencoder, chart, film)
-    config = swing.settings()
-
     def runaway(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
         with np.errstate(over="ignore"):
             return q0[:, None] * np.exp(8.0 * np.arange(states))[None, :, None]
 
-    predictor = make_law_predictor(runaway, known, make_renderer(autoencoder, chart), crossing, config)
-    found = score_extrapolation(predictor, crossing, known, pictures, config, scene[3])
+    found = score_extrapolation(make_law_predictor(scene, runaway), scene)
     assert found["left"] is None
     assert found["psnr"]["mean"] < found["floor"]["mean"]
-    assert len(roll_out_free_motion(scene[3], swing.DT_S)(np.zeros((1, 1)), np.ones((1, 1)), 5)[0]) == 5
+    law = NumpyLagrangian(scene.lagrangian)
+    q, _ = roll_out_free(law, np.zeros((1, 1)), np.ones((1, 1)), states=5, dt_s=swing.DT_S)
+    assert len(q[0]) == 5

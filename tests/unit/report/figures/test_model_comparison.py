@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from lagsplat.baselines.model import Baseline
-from lagsplat.evaluate.evaluate import EvaluationSubject
 from lagsplat.report.figures.model_comparison import (
     choose_frames,
     compute_attention,
@@ -14,17 +13,16 @@ from lagsplat.report.figures.model_comparison import (
     predict_frames,
 )
 from tests.unit.baselines.problems import architecture
-from tests.unit.evaluate.stand_ins import integrate, render, world
+from tests.unit.evaluate.stand_ins import integrate, render, subject, world
 
 
-def subject(**changes: object) -> EvaluationSubject:
+def short_subject(**changes):
     held, pictures = world(frames=400, tail=100)
-    parts = {"held": held, "pictures": pictures, "render": render, "integrate": integrate} | changes
-    return EvaluationSubject(d=2, dynamics="linear", external_force="none", **parts)
+    return subject(held=held, pictures=pictures, **changes)
 
 
 def test_the_first_picture_is_at_the_given_state_and_moments_end_with_the_clip():
-    model = subject()
+    model = short_subject()
     frames = choose_frames(model)
     assert frames[0] == model.held.longest[0]
     assert frames[-1] < 400
@@ -35,12 +33,12 @@ def test_the_first_picture_is_at_the_given_state_and_moments_end_with_the_clip()
 
 
 def test_a_diverged_state_is_drawn_all_the_same():
-    model = subject(integrate=lambda *a: np.full_like(integrate(*a), np.nan))
+    model = short_subject(integrate=lambda *a: np.full_like(integrate(*a), np.nan))
     assert np.isfinite(predict_frames(model, choose_frames(model))).all()
 
 
 def test_each_model_is_a_row():
-    figure = draw_comparison({"ours": subject(), "theirs": subject()}, title="t")
+    figure = draw_comparison({"ours": short_subject(), "theirs": short_subject()}, title="t")
     assert [figure.axes[i].get_ylabel() for i in (0, 6, 12)] == ["recorded", "ours", "theirs"]
 
 
