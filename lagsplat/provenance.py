@@ -27,8 +27,7 @@ LIBRARIES = ("numpy", "scipy", "torch", "numba", "safetensors", "opencv-python-h
 
 
 def code_digest(*modules: str) -> str:
-    """SHA-256 of what the named modules can execute: their code and that of all modules they import from
-    `lagsplat` and from the folders `BESIDE` it.
+    """SHA-256 of the code of the named modules and of all that they import of `lagsplat` and `BESIDE`.
 
     Comments, docstrings and formatting do not enter; everything else does, the ``__init__`` of sub-packages
     and the files in their folders `TEMPLATES` included. Imports inside functions are followed too. The
@@ -40,7 +39,7 @@ def code_digest(*modules: str) -> str:
     """
     pending, digests = [], {}
     for name in modules:
-        if _source(name) is None:
+        if _find_source(ROOT, name) is None:
             raise ModuleNotFoundError(f"code_digest: no module {name!r} under {ROOT}; check the spelling")
         pending += _with_parents(name)
     while pending:
@@ -94,13 +93,9 @@ def _answers() -> sqlite3.Connection | None:
     return store
 
 
-def _source(name: str) -> Path | None:
-    # What importlib.util.find_spec would answer, which imports the parent packages to do so.
-    return _find_source(ROOT, name)
-
-
 @cache
 def _find_source(root: Path, name: str) -> Path | None:
+    # What importlib.util.find_spec would answer, which imports the parent packages to do so.
     head, *rest = name.split(".")
     if head != PACKAGE and head not in BESIDE:
         return None
@@ -116,14 +111,13 @@ def _with_parents(name: str) -> list[str]:
     # The root package is left out: it holds the version number, and a release must not make every result
     # stale.
     names = [".".join(parts[: i + 1]) for i in range(1, len(parts))]
-    return [name for name in names if _source(name) is not None]
+    return [name for name in names if _find_source(ROOT, name) is not None]
 
 
 @cache
 def _digest_and_imports(name: str) -> tuple[str, tuple[str, ...]]:
-    path = _source(name)
-    if path is None:
-        raise ModuleNotFoundError(f"code_digest: no module {name!r} under {ROOT}")
+    path = _find_source(ROOT, name)
+    assert path is not None, "`modules_in` names modules that are there"
     digest, imports = parse_source(path)
     if path.name == "__init__.py":  # templates beside a package make its pages as its code does
         for template in sorted((path.parent / TEMPLATES).glob("*")):
@@ -151,18 +145,16 @@ def parse_source(path: Path) -> tuple[str, list[str]]:
     def parse() -> tuple[str, list[str]]:
         tree = ast.parse(source, filename=str(path))
         imports = sorted({target for node in ast.walk(tree) for target in _imports(node, path)})
-        _drop_docstrings(tree)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                # Text that stands alone is documentation wherever it stands: under a class field, too.
+                node.body = [statement for statement in node.body if not _is_text(statement)] or [ast.Pass()]
         return sha256_hex(ast.dump(tree).encode()), imports
 
     # `ast.dump` differs between versions of Python.
-    key = f"source {sys.version_info[:2]} {_own_digest()} {sha256_hex(source)}"
-    digest, imports = recall(key, parse)
+    own_digest = sha256_hex(Path(__file__).read_bytes())
+    digest, imports = recall(f"source {sys.version_info[:2]} {own_digest} {sha256_hex(source)}", parse)
     return digest, imports
-
-
-@cache
-def _own_digest() -> str:
-    return sha256_hex(Path(__file__).read_bytes())
 
 
 def _imports(node: ast.AST, path: Path) -> Iterator[str]:
@@ -171,20 +163,10 @@ def _imports(node: ast.AST, path: Path) -> Iterator[str]:
         targets = [alias.name for alias in node.names]
     elif isinstance(node, ast.ImportFrom):
         if node.level:
-            raise ValueError(
-                f"{path}, line {node.lineno}: a relative import hides what the code depends on; "
-                f"write it as `from {PACKAGE}...`"
-            )
+            where = f"{path}, line {node.lineno}"
+            raise ValueError(f"{where}: a relative import hides a dependence; write `from {PACKAGE}...`")
         targets = [f"{node.module}.{alias.name}" for alias in node.names]
     yield from (target for target in targets if target.partition(".")[0] in (PACKAGE, *BESIDE))
-
-
-def _drop_docstrings(tree: ast.AST) -> None:
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            continue
-        # Text that stands alone is documentation wherever it stands: under a class field, too.
-        node.body = [statement for statement in node.body if not _is_text(statement)] or [ast.Pass()]
 
 
 def _is_text(statement: ast.stmt) -> bool:
@@ -205,8 +187,8 @@ def stamp() -> dict[str, Any]:
     import platform
 
     commit, tree, dirty = _commit()
-    torch = sys.modules.get("torch")
-    loaded = torch is not None and hasattr(torch, "get_num_threads")
+    torch: Any = sys.modules.get("torch")
+    loaded = hasattr(torch, "get_num_threads")
     return {
         "package": PACKAGE,
         "commit": commit,
@@ -215,7 +197,7 @@ def stamp() -> dict[str, Any]:
         "python": platform.python_version(),
         "platform": platform.platform(),
         "versions": _versions(),
-        "threads": torch.get_num_threads() if loaded and torch else None,
+        "threads": torch.get_num_threads() if loaded else None,
         "device": _device(torch) if loaded else None,
         "cpu_count": os.cpu_count(),
         "time_utc": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -223,46 +205,39 @@ def stamp() -> dict[str, Any]:
 
 
 def _commit() -> tuple[str | None, str | None, bool | None]:
+    # An installed copy may lie inside somebody else's checkout, whose commit would say nothing about it.
+    tracked = _git("ls-files", "--error-unmatch", __file__)
+    head = _git("rev-parse", "HEAD", "HEAD^{tree}")
+    status = _git("status", "--porcelain", "--untracked-files=no")
+    if tracked is None or head is None or status is None:
+        return None, None, None
+    commit, tree = head.split()
+    return commit, tree, bool(status)
+
+
+def _git(*words: str) -> str | None:
+    """What git prints about the checkout around this file; None if it fails."""
     import subprocess
 
-    git = ["git", "-C", str(ROOT)]
+    command = ["git", "-C", str(ROOT), *words]
     try:
-        # An installed copy may lie inside somebody else's checkout; its commit would say nothing about this
-        # code.
-        tracked = subprocess.run(
-            [*git, "ls-files", "--error-unmatch", __file__], capture_output=True, timeout=10
-        )
-        if tracked.returncode:
-            return None, None, None
-        head = subprocess.run(
-            [*git, "rev-parse", "HEAD", "HEAD^{tree}"], capture_output=True, text=True, timeout=10
-        )
-        status = subprocess.run(
-            [*git, "status", "--porcelain", "--untracked-files=no"],
-            capture_output=True,
-            text=True,
-            timeout=10,
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10)
     except (OSError, subprocess.TimeoutExpired):
-        return None, None, None
-    if head.returncode or status.returncode:
-        return None, None, None
-    commit, tree = head.stdout.split()
-    return commit, tree, bool(status.stdout.strip())
+        return None
+    return None if done.returncode else done.stdout.strip()
 
 
 @cache
 def _versions() -> dict[str, str | None]:
-    return {name: _version(name) for name in (PACKAGE, *LIBRARIES)}
-
-
-def _version(name: str) -> str | None:
     from importlib.metadata import PackageNotFoundError, version
 
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
+    versions: dict[str, str | None] = {}
+    for name in (PACKAGE, *LIBRARIES):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    return versions
 
 
 def _device(torch: Any) -> str:
