@@ -95,8 +95,7 @@ def _open_array(path: Path, archive: zipfile.ZipFile, key: str) -> Iterator[_Sto
             raise ValueError(f"{path}: key {key!r} is not a plain NumPy array ({error}); {REPAIR}") from error
         if array.dtype.hasobject:
             raise ValueError(
-                f"{path}: key {key!r} holds Python objects, which could execute code and are never loaded; "
-                "save it as numbers"
+                f"{path}: key {key!r} holds Python objects, which could execute code; save numbers"
             )
         yield array
 
@@ -131,11 +130,8 @@ def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H
             start += len(chunk)
     # A low-precision float cannot represent a multiple of 1/255 more closely than this.
     if dtype.kind == "f" and change > max(0.01, 255.0 * float(np.finfo(dtype).eps)):
-        warnings.warn(
-            f"{path}: 'images' are not multiples of 1/255; rounding to uint8 changed them by up to "
-            f"{change:.2f} of a grey level",
-            stacklevel=3,
-        )
+        found = f"rounding to uint8 changed them by up to {change:.2f} of a grey level"
+        warnings.warn(f"{path}: 'images' are not multiples of 1/255; {found}", stacklevel=3)
     if black := int((~frames.reshape(len(frames), -1).any(axis=1)).sum()):
         warnings.warn(f"{path}: {black} of {len(frames)} frames are entirely black", stacklevel=3)
     return frames
@@ -150,10 +146,10 @@ def _store(path: Path, chunk: np.ndarray, out: np.ndarray, first: int) -> float:
     if not (low >= 0.0 and high <= 1.0):  # true for NaN, too
         with np.errstate(invalid="ignore"):
             bad = np.argwhere(~((chunk >= 0.0) & (chunk <= 1.0)))[0]
+        place = f"frame {first + bad[0]}, channel {bad[1]}, row {bad[2]}, column {bad[3]}"
         raise ValueError(
-            f"{path}: 'images' holds {chunk[tuple(bad)]} at frame {first + bad[0]}, channel {bad[1]}, "
-            f"row {bad[2]}, column {bad[3]}; floating-point colours lie in [0, 1]. Divide by 255, "
-            "or store uint8"
+            f"{path}: 'images' holds {chunk[tuple(bad)]} at {place}; floating-point colours lie in [0, 1]. "
+            "Divide by 255, or store uint8"
         )
     scaled = 255.0 * chunk.astype(np.float32, copy=False)
     rounded = np.rint(scaled)
@@ -166,15 +162,11 @@ def _read_pressure(
 ) -> Float64[np.ndarray, " T"]:
     with _open_array(path, archive, key) as array:
         if array.shape != (n_frames,) or array.dtype.kind not in "fiu":
-            raise ValueError(
-                f"{path}: {key!r} has shape {array.shape} and dtype {array.dtype}, but there are {n_frames} "
-                f"images; give ({n_frames},) numbers, one pressure [atm] a frame"
-            )
+            found = f"shape {array.shape} and dtype {array.dtype}, but there are {n_frames} images"
+            raise ValueError(f"{path}: {key!r} has {found}; give one pressure [atm] a frame, ({n_frames},)")
         values = np.concatenate(list(_chunks(path, key, array))).astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise ValueError(
-            f"{path}: {key!r} is {values[bad[0]]} at frame {bad[0]} ({bad.size} such values); "
-            "fill the gap or cut the recording there"
-        )
+        found = f"{values[bad[0]]} at frame {bad[0]} ({bad.size} such values)"
+        raise ValueError(f"{path}: {key!r} is {found}; fill the gap or cut the recording there")
     return values

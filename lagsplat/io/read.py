@@ -33,9 +33,7 @@ def read_recording(config: RecordingConfig) -> Recording:
     elif config.path is None:
         raise ValueError("recording.path is null; name the film or the log with recording.path=FILE")
     elif config.n_inputs and config.kind == "video":
-        raise ValueError(
-            f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; set it to 0"
-        )
+        raise ValueError(f"recording.n_inputs is {config.n_inputs}, but a film carries no inputs; give 0")
     else:
         settings = FrameSettings(
             crop=config.crop,
@@ -66,9 +64,7 @@ def _read_krauss(config: RecordingConfig) -> Recording:
     elif archive is not None and config.member is not None:
         path = fetch_member(archive, config.member)
     else:
-        raise ValueError(
-            "recording.path is null and no archive with a member is given; set recording.path=FILE"
-        )
+        raise ValueError("recording.path is null and no archive with a member is given; give recording.path")
     recording = read_krauss_npz(path, dt_s=config.dt_s, expected_inputs=config.n_inputs)
     if archive is None or recording.meta["sha256"] not in archive.member_sha256.values():
         return recording

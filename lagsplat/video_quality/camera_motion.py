@@ -132,16 +132,15 @@ def path_to_undo(pictures: Iterable[UInt8[np.ndarray, "h w"]], *, source: str) -
     path = track_background(pictures)
     if path is None:
         raise ValueError(
-            f"{source}: recording.stabilise needs a background that can be followed, and too few corners "
-            "that stand still or move alike were found over the picture; set recording.stabilise=false, or "
-            "film with something textured behind the system"
+            f"{source}: recording.stabilise needs a background that can be followed, but too few corners "
+            "stand still or move alike; set it to false, or film with something textured behind the system"
         )
     hidden = np.flatnonzero(np.isnan(path[:, 0]))
     if hidden.size:
         raise ValueError(
             f"{source}: recording.stabilise cannot follow the background in {hidden.size} of {len(path)} "
             f"frames, the first of them frame {hidden[0]} of those kept; cut them off with recording.skip_s "
-            "and end_s, or set recording.stabilise=false"
+            "and end_s, or set it to false"
         )
     return path
 

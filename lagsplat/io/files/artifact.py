@@ -90,9 +90,7 @@ def load_artifact(
     layout.pop("__metadata__", None)
     missing = sorted(set(mapped) - set(layout))
     if missing:
-        raise ValueError(
-            f"{path}: no tensor {missing[0]!r}, only {sorted(layout)}; the file was made by other code"
-        )
+        raise ValueError(f"{path}: no tensor {missing[0]!r}, only {sorted(layout)}; other code made the file")
     views = {name: _view(path, entry, 8 + length) for name, entry in layout.items()}
     return {name: view if name in mapped else np.array(view) for name, view in views.items()}, header
 
@@ -115,21 +113,15 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
             "Delete it and run again, or fetch it again"
         ) from error
     if KEY not in metadata:
-        raise ValueError(
-            f"{path}: a safetensors file, but its metadata has no {KEY!r} header; another program wrote it"
-        )
+        raise ValueError(f"{path}: its metadata has no {KEY!r} header; another program wrote it")
     try:
         header = json.loads(metadata[KEY])
     except json.JSONDecodeError as error:
-        raise ValueError(
-            f"{path}: its {KEY!r} header is not JSON ({error}); delete the file and run again"
-        ) from error
+        raise ValueError(f"{path}: its {KEY!r} header is not JSON ({error}); make it again") from error
     if not isinstance(header, dict) or not isinstance(header.get("kind"), str):
         raise ValueError(f"{path}: its {KEY!r} header names no kind; the file was made by other code")
     if kind is not None and header["kind"] != kind:
-        raise ValueError(
-            f"{path}: holds a {header['kind']!r}, but a {kind!r} is wanted; check which file was given"
-        )
+        raise ValueError(f"{path}: holds a {header['kind']!r}, but a {kind!r} is wanted; check its name")
     if schema is not None and header.get("schema") != schema:
         raise ValueError(
             f"{path}: {header['kind']!r} of schema {header.get('schema')}, but this version reads schema "
@@ -140,9 +132,7 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
 
 def _view(path: StrPath, entry: Mapping[str, Any], data_start: int) -> np.ndarray:
     if entry["dtype"] not in DTYPES:
-        raise ValueError(
-            f"{path}: a tensor has dtype {entry['dtype']}, which NumPy lacks; save it as F32 or F64"
-        )
+        raise ValueError(f"{path}: dtype {entry['dtype']} is unknown to NumPy; save it as F32 or F64")
     dtype = np.dtype(DTYPES[entry["dtype"]]).newbyteorder("<")
     begin, end = entry["data_offsets"]
     if begin == end:  # an empty range cannot be mapped
@@ -173,9 +163,8 @@ def _header_text(path: StrPath, header: Mapping[str, Any]) -> str:
     try:
         return json.dumps(stamped, default=_plain)
     except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
-        ) from error
+        message = f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
+        raise ValueError(message) from error
 
 
 def _plain(value: Any) -> Any:

@@ -101,6 +101,6 @@ def load_weights(path: str | os.PathLike[str]) -> dict[str, Any]:
         ) from error
     if not isinstance(content, dict):
         raise ValueError(
-            f"{path}: holds a {type(content).__name__}, no dictionary of weights; check which file was given"
+            f"{path}: holds a {type(content).__name__}, no dictionary of weights; check its name"
         )
     return content

@@ -39,9 +39,7 @@ def fetch_member(archive: ArchiveConfig, member: str) -> Path:
         FileExistsError, ConnectionError, OSError: as `download`; or the disk has too little space.
     """
     if member not in archive.member_sha256:
-        raise ValueError(
-            f"recording.member is {member!r}; archive.member_sha256 knows {sorted(archive.member_sha256)}"
-        )
+        raise ValueError(f"recording.member is {member!r}; archive has {sorted(archive.member_sha256)}")
     folder, expected = Path(archive.folder).expanduser(), archive.member_sha256[member]
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / PurePosixPath(member).name
@@ -69,9 +67,8 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
     try:
         with zipfile.ZipFile(source) as archive:
             if member not in archive.namelist():
-                raise ValueError(
-                    f"{source}: no member {member!r}, only {archive.namelist()[:20]}; check recording.archive"
-                )
+                members = archive.namelist()[:20]
+                raise ValueError(f"{source}: no member {member!r}, only {members}; check recording.archive")
             _require_space(target, archive.getinfo(member).file_size)
             with replace_atomically(target) as temporary:
                 with archive.open(member) as stream, open(temporary, "wb") as file:
@@ -88,9 +85,7 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
 def _require_space(path: Path, needed: int) -> None:
     free = shutil.disk_usage(path.parent).free
     if needed > free:
-        raise OSError(
-            f"{path}: needs {needed} bytes, but the disk has {free} free; make room, or choose another folder"
-        )
+        raise OSError(f"{path}: needs {needed} bytes, but the disk has {free} free; make room")
 
 
 def download(
@@ -142,8 +137,7 @@ def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -
             if failures >= ATTEMPTS or not _may_pass(error):
                 raise ConnectionError(
                     f"{url}: {error} ({failures} attempts without progress). {_size(part)} bytes are kept in "
-                    f"{part}; run again to go on, or fetch the file by hand and put it there "
-                    "without the suffix .part"
+                    f"{part}; run again to go on, or fetch the file by hand to {part.with_suffix('')}"
                 ) from error
             wait(2.0 ** (failures - 1))
 

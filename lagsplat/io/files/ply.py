@@ -72,9 +72,7 @@ def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
     lens = elements["intrinsic"]["intrinsic"].astype(float)
     width, height = (int(size) for size in elements["image_size"]["image_size"])
     if len(lens) != 9 or not np.allclose(lens[[2, 5]], [width / 2, height / 2], atol=1e-3):
-        raise ValueError(
-            f"{path}: intrinsic {lens.tolist()} is not that of a {width} x {height} picture of SHARP"
-        )
+        raise ValueError(f"{path}: intrinsic {lens.tolist()} does not fit SHARP's {width} x {height} picture")
     return SharpCloud(_cloud(path, elements), float(lens[0]), width, height)
 
 

@@ -52,9 +52,9 @@ class CameraReader:
         self._wanted.append(wanted)
         kind = image_kind(schema_name)
         if kind is None:
+            kinds = ", ".join(MESSAGES)
             raise ValueError(
-                f"topic {self.topic} holds {schema_name}, which is no picture; choose a topic of "
-                f"{', '.join(MESSAGES)}"
+                f"topic {self.topic} holds {schema_name}, which is no picture; choose one of {kinds}"
             )
         try:
             if kind == VIDEO:
@@ -135,10 +135,8 @@ def decode_image(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
     data = np.frombuffer(message_bytes(message), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
-        raise ValueError(
-            f"{data.size} bytes of format {read_field(message, 'format')!r} are no image that OpenCV decodes "
-            "(JPEG, PNG, WebP, TIFF, BMP)"
-        )
+        held = f"{data.size} bytes of format {read_field(message, 'format')!r}"
+        raise ValueError(f"{held} are no image that OpenCV decodes (JPEG, PNG, WebP, TIFF, BMP)")
     return picture
 
 
@@ -226,7 +224,5 @@ class VideoPackets:
         if found == 0:
             raise ValueError(f"OpenCV cannot decode the {self.format!r} video on this machine; {TRANSCODE}")
         if found != self.count:
-            raise ValueError(
-                f"{self.count} packets of {self.format!r} video give {found} pictures, so times cannot be "
-                f"told; {TRANSCODE}"
-            )
+            found = f"{self.count} packets of {self.format!r} video give {found} pictures"
+            raise ValueError(f"{found}, so times cannot be told; {TRANSCODE}")

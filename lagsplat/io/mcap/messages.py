@@ -54,10 +54,8 @@ class Decoders:
             if decoder := factory.decoder_for(encoding, schema):
                 return decoder
         described = "no schema" if schema is None else f"a schema in {schema.encoding!r}"
-        raise ValueError(
-            f"its encoding is {encoding!r} with {described}; those read are ROS 2 CDR with 'ros2msg', "
-            "protobuf, and JSON"
-        )
+        known = "those read are ROS 2 CDR with 'ros2msg', protobuf, and JSON"
+        raise ValueError(f"its encoding is {encoding!r} with {described}; {known}")
 
 
 def list_fields(message: Any) -> list[str]:
@@ -183,16 +181,12 @@ def choose_timestamps(
     """
     given, where = stamps.of_clock(clock), f"{source}: topic {stamps.topic}"
     if None in given:
-        raise ValueError(
-            f"{where}: message {given.index(None)} carries no stamp; use recording.mcap.clock=log"
-        )
+        raise ValueError(f"{where}: message {given.index(None)} has no stamp; use recording.mcap.clock=log")
     times = np.array(given, np.int64)
     steps = np.diff(times)
     if len(times) > 1 and not steps.any():
-        raise ValueError(
-            f"{where}: all {len(times)} messages carry the {clock} stamp {times[0]} ns, so it was never set"
-            + _other(stamps, clock)
-        )
+        never_set = f"all {len(times)} messages carry the {clock} stamp {times[0]} ns, so it was never set"
+        raise ValueError(f"{where}: {never_set}{_other(stamps, clock)}")
     back = np.flatnonzero(steps < 0)
     if back.size:
         i = int(back[0])
@@ -202,11 +196,8 @@ def choose_timestamps(
         )
     fresh = np.diff(times, prepend=times[:1] - 1) > 0
     if not fresh.all():
-        warnings.warn(
-            f"{where}: {(~fresh).sum()} of {len(times)} messages carry the stamp of the one before and "
-            "are dropped",
-            stacklevel=3,
-        )
+        repeated = f"{(~fresh).sum()} of {len(times)} messages carry the stamp of the one before"
+        warnings.warn(f"{where}: {repeated} and are dropped", stacklevel=3)
     return times[fresh], fresh
 
 

@@ -64,10 +64,8 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
     pictures = [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]]
     sizes = {picture.shape[:2] for picture in pictures}
     if len(sizes) > 1:
-        raise ValueError(
-            f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width); give "
-            "recording.height and recording.width"
-        )
+        found = f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width)"
+        raise ValueError(f"{found}; give recording.height and recording.width")
     frames, time_s = np.stack(pictures), frame_s[aligned.kept]
     footage = assess_video(frames, time_s, thumbnails, crop=settings.crop)
     for sentence in footage.warnings:
@@ -165,7 +163,7 @@ class _Log:
     def _take_picture(self, message: Any, schema_name: str, now_ns: int | None) -> None:
         if now_ns is None:
             raise ValueError(
-                f"topic {self.camera.topic}: a message carries no stamp; use recording.mcap.clock=log"
+                f"topic {self.camera.topic}: a message has no stamp; use recording.mcap.clock=log"
             )
         if len(self._stamps[self.camera.topic].log_ns) == 1:
             self.start_ns = now_ns

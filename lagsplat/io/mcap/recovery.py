@@ -82,10 +82,8 @@ def _records(path: Path, file: BufferedReader, losses: list[str]) -> Iterator[Mc
         if not isinstance(record, Chunk):
             yield record
         elif record.compression not in PARTS:
-            raise ValueError(
-                f"{path}: compressed with {record.compression!r}; those read are lz4, zstd and none. "
-                "Rewrite it with `mcap compress`"
-            )
+            codecs = "those read are lz4, zstd and none. Rewrite it with `mcap compress`"
+            raise ValueError(f"{path}: compressed with {record.compression!r}; {codecs}")
         else:
             try:
                 yield from breakup_chunk(record, validate_crc=True)

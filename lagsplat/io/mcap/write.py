@@ -191,10 +191,8 @@ def write_mcap(
 def _instants(topic: str, time_s: Float64[np.ndarray, " N"], start_ns: int) -> list[int]:
     times = [start_ns + round(1e9 * float(time)) for time in time_s]
     if times and (min(times) < 0 or any(b <= a for a, b in pairwise(times))):
-        raise ValueError(
-            f"topic {topic}: times from {min(time_s):.6f} s to {max(time_s):.6f} s must be 0 or more "
-            "and increase"
-        )
+        given = f"times from {min(time_s):.6f} s to {max(time_s):.6f} s"
+        raise ValueError(f"topic {topic}: {given} must be 0 or more and increase")
     return times
 
 

@@ -76,14 +76,11 @@ def align_log(
 def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: InputLog, source: str) -> None:
     if len(log.time_s) < 2:
         raise ValueError(
-            f"{source}: input {log.name!r} has {len(log.time_s)} samples, and to interpolate takes two; "
-            "choose another field"
+            f"{source}: input {log.name!r} has {len(log.time_s)} samples; choose one with two or more"
         )
     if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
-        raise ValueError(
-            f"{source}: camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}. Check "
-            "recording.mcap.clock and the topics"
-        )
+        found = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
+        raise ValueError(f"{source}: {found}. Check recording.mcap.clock and the topics")
 
 
 def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog]) -> str:

@@ -79,12 +79,9 @@ class Recording:
         rows = inputs.ndim == 2 and len(inputs) == n
         require(rows, self.source, f"inputs of shape {inputs.shape}; give ({n}, n_u), one row a frame")
         n_u, names, units = inputs.shape[1], self.input_names, self.input_units
-        require(
-            len(names) == len(units) == len(set(names)) == n_u,
-            self.source,
-            f"inputs with {n_u} columns, names {names} and units {units}; give every column one name of its "
-            "own and one unit",
-        )
+        found = f"inputs with {n_u} columns, names {names} and units {units}"
+        one_each = len(names) == len(units) == len(set(names)) == n_u
+        require(one_each, self.source, f"{found}; give every column one name of its own and one unit")
         bad = np.argwhere(~np.isfinite(inputs))
         if bad.size:
             frame, column = bad[0]

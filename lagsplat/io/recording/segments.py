@@ -43,9 +43,7 @@ def cut_at_gaps(recording: Recording) -> Recording:
         return recording
     told = f"{recording.source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
     if not pieces:
-        raise ValueError(
-            f"{told}. No piece between them has {LEAST_PIECE} frames; check the times, or record it again"
-        )
+        raise ValueError(f"{told}. No piece between them has {LEAST_PIECE} frames; check the times")
     told += f". It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
     if dropped:
         lost = sum(stop - start for start, stop in dropped)
@@ -67,16 +65,14 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
     ended = -np.inf
     for start, stop in spans_s:
         if not ended <= start < stop:
-            raise ValueError(
-                f"recording.spans_s: [{start}, {stop}] begins before {ended} or ends before it begins; give "
-                "spans in order, without overlap"
-            )
+            problem = f"[{start}, {stop}] begins before {ended} or ends before it begins"
+            raise ValueError(f"recording.spans_s: {problem}; give spans in order, without overlap")
         ended = stop
         inside = (since >= start) & (since < stop)
         if inside.sum() < LEAST_FRAMES:
+            held = f"{inside.sum()} frames of a recording of {since[-1]:.3f} s"
             raise ValueError(
-                f"recording.spans_s: [{start}, {stop}] holds {inside.sum()} frames of a recording of "
-                f"{since[-1]:.3f} s; a clip needs {LEAST_FRAMES}"
+                f"recording.spans_s: [{start}, {stop}] holds {held}; a clip needs {LEAST_FRAMES}"
             )
         for a, b in recording.segments:
             within = a + np.flatnonzero(inside[a:b])
@@ -98,10 +94,8 @@ def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
     rule = f"{name} = {held_out}"
     if name == "held_out_clips":
         if held_out >= len(clips):
-            raise ValueError(
-                f"{recording.source}: {len(clips)} clip(s), of which {rule} leave none to train on; give "
-                "more clips or hold out a fraction"
-            )
+            held = f"{len(clips)} clip(s), of which {rule} leave none to train on"
+            raise ValueError(f"{recording.source}: {held}; give more clips or hold out a fraction")
         n_train = clips[-held_out][0]
     elif name == "held_out_frames":
         n_train = total - held_out
@@ -126,6 +120,6 @@ def find_crossing_frames(segments: Sequence[tuple[int, int]], n_train: int) -> t
         if start < n_train < stop:
             return start, n_train, stop
     raise ValueError(
-        "the held-out part begins with a new clip, so that no forecast can cross into it; hold out the end "
-        "of a clip (recording.split.held_out_frames)"
+        "no forecast can cross into the held-out part, as it begins with a new clip; hold out the end of one "
+        "(recording.split.held_out_frames)"
     )

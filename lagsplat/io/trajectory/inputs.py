@@ -48,10 +48,8 @@ def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
         table = read_table(Path(text))
         numbers = _block(table, (*count_names(table, "q"), *count_names(table, "v")))[0].tolist()
     if len(numbers) not in (d, 2 * d) or not np.isfinite(numbers).all():
-        raise ValueError(
-            f"initial={text}: {len(numbers)} number(s) {numbers}; the sim has {d} coordinate(s); give {d}, "
-            f"or {2 * d} with the rates"
-        )
+        wanted = f"the sim has {d} coordinate(s); give {d}, or {2 * d} with the rates"
+        raise ValueError(f"initial={text}: {len(numbers)} number(s) {numbers}; {wanted}")
     state = np.array(numbers + [0.0] * (2 * d - len(numbers)))
     return state[:d], state[d:]
 
@@ -87,8 +85,8 @@ def read_input_log(
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if wrong.size:
         before, after = wrong[0], wrong[0] + 1
+        order = f"{time_s[after]:.9g} s after {time_s[before]:.9g} s"
         raise ValueError(
-            f"{table.place(int(whole[after]))}: t does not increase, {time_s[after]:.9g} s after "
-            f"{time_s[before]:.9g} s; drop repeated rows"
+            f"{table.place(int(whole[after]))}: t does not increase, {order}; drop repeated rows"
         )
     return time_s, values[whole, 1:]

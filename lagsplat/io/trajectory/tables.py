@@ -77,25 +77,20 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
             raise ValueError(f"diagnose.columns names {name!r}; only {STANDARD} are known")
         if own not in found:
             near = difflib.get_close_matches(own, found, n=1, cutoff=0.0)
-            raise ValueError(
-                f"{table.source}: no column {own!r} for {name}, only {found}; did you mean {near[0]!r}?"
-            )
+            problem = f"no column {own!r} for {name}, only {found}; did you mean {near[0]!r}?"
+            raise ValueError(f"{table.source}: {problem}")
     taken = set(columns.values())
     named = {name: table.columns[name] for name in found if _is_standard(name) and name not in taken}
     named |= {name: table.columns[own] for name, own in columns.items()}
     missing = [name for name in needed if name not in named]
     if missing:
-        raise ValueError(
-            f"{table.source}: no column {' and no '.join(missing)}; the columns are {found}, and "
-            f"{STANDARD} are needed. {_proposal(found)}"
-        )
+        problem = f"no column {' and no '.join(missing)}; the columns are {found}, and {STANDARD} are needed"
+        raise ValueError(f"{table.source}: {problem}. {_proposal(found)}")
     left = [name for name in found if name not in named and name not in taken]
     if left:
-        warnings.warn(
-            f"{table.source}: column(s) {', '.join(left[:8])}{', ...' if len(left) > 8 else ''} are not "
-            "used; diagnose.columns={u0: NAME} would name one an input",
-            stacklevel=3,
-        )
+        listed = f"{', '.join(left[:8])}{', ...' if len(left) > 8 else ''}"
+        hint = "diagnose.columns={u0: NAME} would name one an input"
+        warnings.warn(f"{table.source}: column(s) {listed} are not used; {hint}", stacklevel=3)
     return replace(table, columns=named)
 
 
@@ -200,9 +195,8 @@ def _from_text(path: Path) -> Table:
     for number, line in lines[1:]:
         cells = line.count(separator) + 1
         if cells != len(header) and '"' not in line:
-            raise ValueError(
-                f"{path}, line {number}: {cells} cells under {len(header)} names {header}; give as many"
-            )
+            problem = f"{cells} cells under {len(header)} names {header}"
+            raise ValueError(f"{path}, line {number}: {problem}; give as many")
     body = "\n".join(line for _, line in lines[1:])
     decimal = "," if separator == ";" and re.search(r"\d,\d", body) else "."
     frame = pd.DataFrame(columns=header, dtype=float)
@@ -252,9 +246,7 @@ def _from_archive(path: Path) -> Table:
 def _refuse_twins(path: Path, header: list[str]) -> None:
     twins = sorted({name for name in header if header.count(name) > 1})
     if twins:
-        raise ValueError(
-            f"{path}: two columns are called {twins[0]!r} in {header}; name each one differently"
-        )
+        raise ValueError(f"{path}: two columns are called {twins[0]!r} in {header}; rename one")
 
 
 def _plain(frame: pd.DataFrame) -> dict[str, np.ndarray]:

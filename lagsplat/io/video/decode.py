@@ -89,8 +89,7 @@ def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
 def _film(path: Path, settings: FrameSettings) -> Pictures:
     if settings.dt_s is not None:
         raise ValueError(
-            f"{path}: recording.dt_s is {settings.dt_s}, but a film's own timestamps are used; set "
-            "recording.dt_s=null"
+            f"{path}: recording.dt_s is {settings.dt_s}, but a film's own timestamps are used; unset it"
         )
     capture = cv2.VideoCapture(str(path))
     try:
@@ -148,9 +147,8 @@ def _warn_if_short(path: Path, times: Sequence[float], *, lacking: int | None, a
         reason = f"its header announces {announced}"
     else:
         return
-    warnings.warn(
-        f"{path}: only {len(times)} frames are whole, up to {times[-1]:.3f} s; {reason}", stacklevel=4
-    )
+    found = f"only {len(times)} frames are whole, up to {times[-1]:.3f} s"
+    warnings.warn(f"{path}: {found}; {reason}", stacklevel=4)
 
 
 def _images(clip: VideoClip, settings: FrameSettings) -> Pictures:
@@ -164,14 +162,12 @@ def _images(clip: VideoClip, settings: FrameSettings) -> Pictures:
             continue
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if picture is None:
-            raise ValueError(
-                f"{path}: OpenCV cannot read this image; it is damaged. Fetch or export it again"
-            )
+            raise ValueError(f"{path}: OpenCV cannot read this image; it is damaged. Export it again")
         shape = picture.shape if shape is None else shape
         if picture.shape != shape:
+            sizes = [f"{columns} x {rows}" for rows, columns in (picture.shape[:2], shape[:2])]
             raise ValueError(
-                f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the images before it are "
-                f"{shape[1]} x {shape[0]}; the frames of one clip have one size"
+                f"{path}: {sizes[0]} px, but the images before it are {sizes[1]}; make them equal"
             )
         yield time_s, picture
 
@@ -186,9 +182,7 @@ def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
             )
         return [dt_s * i for i in range(len(clip.images))]
     if dt_s is not None:
-        raise ValueError(
-            f"{clip.times}: gives the times, and so does recording.dt_s = {dt_s}; set recording.dt_s=null"
-        )
+        raise ValueError(f"{clip.times}: gives the times, and so does recording.dt_s = {dt_s}; drop one")
     with clip.times.open(newline="", encoding="utf-8-sig") as file:
         rows = list(csv.DictReader(file))
     try:

@@ -37,10 +37,8 @@ def write_dnerf(
         ValueError: no frame to train on, or none to predict.
     """
     if not 0 < n_train < len(frames):
-        raise ValueError(
-            f"{len(frames)} frames, of which {n_train} to train on: both parts must hold a frame; choose "
-            "another split"
-        )
+        held = f"{len(frames)} frames, of which {n_train} to train on"
+        raise ValueError(f"{held}: both parts must hold a frame; choose another split")
     place = Path(folder)
     (place / "frames").mkdir(parents=True, exist_ok=True)
     camera = np.eye(4)
@@ -50,9 +48,7 @@ def write_dnerf(
         name = f"frames/{index:05d}"
         written = cv2.imwrite(str(place / f"{name}.png"), np.asarray(frame)[..., ::-1])
         if not written:
-            raise OSError(
-                f"{place / name}.png: cannot be written; check the disk and the rights of the folder"
-            )
+            raise OSError(f"{place / name}.png: cannot be written; check the disk and the rights")
         listed.append(
             {
                 "file_path": name,
@@ -86,16 +82,14 @@ def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, a
     )
     if len(files) < at_least:
         raise ValueError(
-            f"{place}: {len(files)} predicted frames, but {at_least} are held out; let the tool predict as "
-            "many, or check which folder was given"
+            f"{place}: {len(files)} predicted frames, but {at_least} are held out; predict as many"
         )
     numbers = [int(path.stem) for path in files]
     missing = sorted(set(range(numbers[0], numbers[-1] + 1)) - set(numbers))
     if missing:
-        raise ValueError(
-            f"{place}: {numbers[0]:05d}.png to {numbers[-1]:05d}.png, but {missing[0]:05d}.png is missing "
-            f"({len(missing)} such); copy the folder again"
-        )
+        ends = f"{numbers[0]:05d}.png to {numbers[-1]:05d}.png"
+        lacking = f"{missing[0]:05d}.png is missing ({len(missing)} such)"
+        raise ValueError(f"{place}: {ends}, but {lacking}; copy the folder again")
     pictures = []
     for path in files:
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
@@ -104,8 +98,7 @@ def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, a
         if picture.shape[:2] != (height, width):
             size = f"{picture.shape[0]} x {picture.shape[1]}"
             raise ValueError(
-                f"{path}: {size} pixels, but the recording has {height} x {width}; predict frames of the "
-                "recording's size (the tool does not resize what it is given)"
+                f"{path}: {size} pixels, but the recording has {height} x {width}; predict that size"
             )
         pictures.append(picture[..., ::-1])
     return np.ascontiguousarray(np.stack(pictures))

@@ -158,11 +158,8 @@ def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> Fr
         f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in zip(clips, sizes, strict=True)
     )
     if settings.crop is not None:
-        warnings.warn(
-            f"clips differ in size ({listed} px); recording.crop takes the same pixels from each, whatever "
-            "they show there",
-            stacklevel=4,
-        )
+        effect = "recording.crop takes the same pixels from each, whatever they show there"
+        warnings.warn(f"clips differ in size ({listed} px); {effect}", stacklevel=4)
         return settings
     aspects = [columns / rows for rows, columns in sizes]
     if max(aspects) / min(aspects) > 1.0 + SAME_SHAPE:
@@ -171,9 +168,8 @@ def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> Fr
             "recording.crop that lies within all, or keep clips of one shape in the folder"
         )
     size = settings.size or min(sizes)
-    warnings.warn(
-        f"clips differ in size ({listed} px); all are resized to {size[1]} x {size[0]} px", stacklevel=4
-    )
+    resized = f"all are resized to {size[1]} x {size[0]} px"
+    warnings.warn(f"clips differ in size ({listed} px); {resized}", stacklevel=4)
     return replace(settings, size=size)
 
 

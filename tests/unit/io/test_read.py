@@ -108,7 +108,7 @@ def test_krauss_archive_brings_its_licence(krauss: RecordingConfig, site: Any, t
 def test_what_cannot_be_read(krauss: RecordingConfig, video: RecordingConfig) -> None:
     with pytest.raises(ValueError, match=r"kind is 'simulated'; only .* are read from a file"):
         read_recording(replace(krauss, kind="simulated"))
-    with pytest.raises(ValueError, match=r"no archive with a member is given; set recording.path=FILE"):
+    with pytest.raises(ValueError, match=r"no archive with a member is given; give recording.path"):
         read_recording(replace(krauss, path=None))
     with pytest.raises(ValueError, match=r"recording.path is null; name the film or the log"):
         read_recording(replace(video, path=None))

@@ -176,7 +176,7 @@ def test_clocks_that_cannot_be_used_point_to_the_other(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"never set.*mcap\.clock=log"):
         read(path, config)
     by_json(path, json_take(film, header_ns=[None] * 12))
-    with pytest.raises(ValueError, match=r"carries no stamp; use recording\.mcap\.clock=log"):
+    with pytest.raises(ValueError, match=r"has no stamp; use recording\.mcap\.clock=log"):
         read(path, config)
     by_json(path, json_take(film, header_ns=[stamps[0], stamps[0], *stamps[2:]]))
     with pytest.warns(UserWarning, match="1 of 12 messages carry the stamp of the one before"):
