@@ -125,17 +125,15 @@ class VideoAssessment:
                 f"its frames are those from {self.repeat.original_s:.2f} s on, so that nothing new is held "
                 f"out. Set recording.end_s={self.end_s:g}"
             )
+        stranger = "something that does not belong to the motion, a hand perhaps,"
         if self.visit is not None and self.visit.gone_s is not None:
             said.append(
-                f"something that does not belong to the motion, a hand perhaps, is in the picture until "
-                f"{self.visit.gone_s:.2f} s and covers up to {100 * self.visit.share:.1f} % of what is still "
-                f"later. Set recording.skip_s={self.skip_s:g}"
+                f"{stranger} is in the picture until {self.visit.gone_s:.2f} s and covers up to "
+                f"{100 * self.visit.share:.1f} % of what is still later. Set recording.skip_s={self.skip_s:g}"
             )
         if self.visit is not None and self.visit.back_s is not None:
-            said.append(
-                f"something that does not belong to the motion, a hand perhaps, comes into the picture at "
-                f"{self.visit.back_s:.2f} s. Set recording.end_s={self.end_s:g}"
-            )
+            into = f"{stranger} comes into the picture at {self.visit.back_s:.2f} s"
+            said.append(f"{into}. Set recording.end_s={self.end_s:g}")
         return said
 
     def _of_the_clock(self) -> list[str]:
@@ -179,7 +177,8 @@ def assess_video(
         grey /= gain[:, None, None].astype(np.float32)
     moves = camera is not None and camera.rms_px > limit
     # A moving camera covers and uncovers every pixel.
-    cuts, visit = (cuts, None) if moves else _cut_or_visit(cuts, find_foreign_object(grey, time_s))
+    visit = None if moves else find_foreign_object(grey, time_s)
+    cuts, visit = (cuts, None) if visit is None else _cut_or_visit(cuts, visit)
     return VideoAssessment(
         camera=camera,
         flicker=None if gain is None else find_exposure_flicker(gain, time_s),
@@ -194,11 +193,9 @@ def assess_video(
 
 
 def _cut_or_visit(
-    cuts: tuple[SceneCut, ...], visit: ForeignObject | None
+    cuts: tuple[SceneCut, ...], visit: ForeignObject
 ) -> tuple[tuple[SceneCut, ...], ForeignObject | None]:
     """Classify one event as either: a cut changes most of the image, a foreign object a part of it."""
-    if visit is None:
-        return cuts, None
     borders = [time_s for time_s in (visit.gone_s, visit.back_s) if time_s is not None]
     others = tuple(cut for cut in cuts if all(abs(cut.time_s - border) >= SAME_S for border in borders))
     if len(others) < len(cuts) and visit.share > CUT_SHARE:

@@ -41,11 +41,11 @@ def track_background(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np
 
     None if no background can be measured: too few corners agree, or all lie in one place.
     """
-    corners, shape = _follow(pictures)
-    if corners is None:
-        return None
-    background = _stillest_group(corners, shape)
-    if background is None:
+    following = iter(pictures)
+    first = next(following)
+    corners = _follow(first, following)
+    background = None if corners is None else _stillest_group(corners, first.shape)
+    if corners is None or background is None:
         return None
     moved = corners[:, background] - corners[:1, background]
     seen = np.isfinite(moved[..., 0]).sum(axis=1) >= min(FEWEST, int(background.sum()))
@@ -72,15 +72,13 @@ def measure_path(path: Float64[np.ndarray, "T 2"]) -> CameraMotion:
 
 
 def _follow(
-    pictures: Iterable[UInt8[np.ndarray, "h w"]],
-) -> tuple[Float64[np.ndarray, "T N 2"] | None, tuple[int, int]]:
-    following = iter(pictures)
-    first = next(following)
-    shape = (first.shape[0], first.shape[1])
-    start = cv2.goodFeaturesToTrack(first, MOST_CORNERS, 0.02, max(4, max(shape) // 30))
+    first: UInt8[np.ndarray, "h w"], following: Iterable[UInt8[np.ndarray, "h w"]]
+) -> Float64[np.ndarray, "T N 2"] | None:
+    """Corners of the first image in all images, NaN where one is lost; None if there are too few."""
+    start = cv2.goodFeaturesToTrack(first, MOST_CORNERS, 0.02, max(4, max(first.shape) // 30))
     if start is None or len(start) < FEWEST:
-        return None, shape
-    found, last = [start[:, 0].astype(np.float64)], start.copy()
+        return None
+    corners, last = [start[:, 0].astype(np.float64)], start.copy()
     for picture in following:
         # Always tracked from the first image, so that errors do not accumulate.
         now, status, residual = cv2.calcOpticalFlowPyrLK(
@@ -95,12 +93,12 @@ def _follow(
         )
         lost = (status[:, 0] == 0) | (residual[:, 0] > LARGEST_RESIDUAL)
         last = np.where(lost[:, None, None], last, now)
-        found.append(np.where(lost[:, None], np.nan, now[:, 0].astype(np.float64)))
-    return np.stack(found), shape
+        corners.append(np.where(lost[:, None], np.nan, now[:, 0].astype(np.float64)))
+    return np.stack(corners)
 
 
 def _stillest_group(
-    corners: Float64[np.ndarray, "T N 2"], shape: tuple[int, int]
+    corners: Float64[np.ndarray, "T N 2"], shape: tuple[int, ...]
 ) -> Bool[np.ndarray, " N"] | None:
     moved = corners - corners[0]
     steady = np.isfinite(moved[..., 0]).mean(axis=0) > 0.5
@@ -110,11 +108,9 @@ def _stillest_group(
     for chosen in np.argsort(travel)[: int(steady.sum())]:
         apart = moved - moved[:, chosen : chosen + 1]
         common = np.isfinite(apart[..., 0])
-        square = np.where(common, (apart**2).sum(axis=-1), 0.0).sum(axis=0) / np.maximum(
-            common.sum(axis=0), 1
-        )
-        alike = steady & (common.mean(axis=0) > 0.3)
-        alike &= np.sqrt(square) < max(ALIKE, ALIKE_SHARE * travel[chosen])
+        squares = np.where(common, (apart**2).sum(axis=-1), 0.0).sum(axis=0)
+        rms = np.sqrt(squares / np.maximum(common.sum(axis=0), 1))
+        alike = steady & (common.mean(axis=0) > 0.3) & (rms < max(ALIKE, ALIKE_SHARE * travel[chosen]))
         if alike.sum() < max(FEWEST, SHARE * steady.sum()):
             continue
         box = np.ptp(corners[0, alike], axis=0)

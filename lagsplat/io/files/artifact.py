@@ -2,24 +2,19 @@
 
 Format, version 1.
 
-1. An artifact is one valid ``.safetensors`` file.
-   Why: the format is a table of offsets and raw bytes. Reading it cannot run code, and every tensor can be
-   mapped into memory at its offset. A pickle can do neither.
-2. Its ``__metadata__`` has the key ``lagsplat``, whose value is one JSON object, the header.
-   Why: a single file cannot lose its settings. Metadata values must be text, and JSON keeps nesting.
-3. The header has ``kind`` (text: what the file is) and ``schema`` (integer: version of that kind).
-   Why: a chart passed as dynamics must be refused by name, not fail on a missing tensor.
-4. The header has ``stamp``: commit, versions, platform, time, added on writing if absent.
-   Why: a result must be traceable to what made it.
-5. The header has everything needed to use the tensors (time unit, whitening, resolved config).
-   Why: with today's config, an old result would silently become another system.
-6. Tensors are little-endian, C-contiguous, of the dtypes in ``DTYPES``; names are free.
-   Why: bytes then mean the same on every machine. Objects and text belong in the header.
-7. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
+1. An artifact is one valid ``.safetensors`` file: a table of offsets and raw bytes. Reading it cannot run
+   code, and every tensor can be mapped into memory at its offset. A pickle can do neither.
+2. Its ``__metadata__`` has the key ``lagsplat``, whose value is one JSON object, the header: a single file
+   cannot lose its settings.
+3. The header has ``kind`` (text: what the file is) and ``schema`` (integer: version of that kind), so that a
+   chart passed as dynamics is refused by name; and ``stamp`` (commit, versions, platform, time), added on
+   writing if absent, so that a result can be traced to what made it.
+4. The header has everything needed to use the tensors (time unit, whitening, resolved config). With today's
+   config, an old result would silently become another system.
+5. Tensors are little-endian, C-contiguous, of the dtypes in ``DTYPES``; names are free.
+6. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
    scalars and arrays become plain numbers and lists.
-   Why: the record of a run that diverged must survive writing and reading.
-8. A file is written beside its target, forced to the disk and renamed.
-   Why: a killed run leaves earlier results whole, and a file that exists is complete.
+7. A file is written beside its target, forced to the disk and renamed: one that exists is complete.
 """
 
 import json
@@ -65,7 +60,15 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
         OSError: the file cannot be written; an earlier file at ``path`` is unchanged.
     """
     arrays = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
-    text = _header_text(path, header)
+    if not isinstance(header.get("kind"), str) or not isinstance(header.get("schema"), int):
+        found = f"kind = {header.get('kind')!r} and schema = {header.get('schema')!r}"
+        raise ValueError(f"{path}: the header has {found}; give kind as text and schema as an integer")
+    stamped = {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}
+    try:
+        text = json.dumps(stamped, default=_plain)
+    except (TypeError, ValueError) as error:
+        message = f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
+        raise ValueError(message) from error
     with replace_atomically(path) as temporary:
         save_file(arrays, temporary, metadata={KEY: text})
 
@@ -151,20 +154,6 @@ def _as_array(name: str, tensor: Any) -> np.ndarray:
             "convert it to a number type, or put it in the header if it is text"
         )
     return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
-
-
-def _header_text(path: StrPath, header: Mapping[str, Any]) -> str:
-    if not isinstance(header.get("kind"), str) or not isinstance(header.get("schema"), int):
-        raise ValueError(
-            f"{path}: the header has kind = {header.get('kind')!r} and schema = {header.get('schema')!r}; "
-            "give kind as text and schema as an integer"
-        )
-    stamped = {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}
-    try:
-        return json.dumps(stamped, default=_plain)
-    except (TypeError, ValueError) as error:
-        message = f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
-        raise ValueError(message) from error
 
 
 def _plain(value: Any) -> Any:

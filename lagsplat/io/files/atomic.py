@@ -1,8 +1,7 @@
-"""Write files atomically (text, JSON, CSV), read them, and compute checksums.
+"""Write files atomically (text, JSON, CSV), read them, and compute checksums; loads neither pandas nor torch.
 
 A run may be killed at any moment, and the next one reads what it leaves. So content goes to a hidden file
-beside the target, is forced to the disk and renamed over the target, which the operating system does in one
-step. Loads neither pandas nor torch.
+beside the target, is forced to the disk and renamed over the target, which is one step.
 """
 
 import csv

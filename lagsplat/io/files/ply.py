@@ -77,11 +77,7 @@ def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
 
 
 def read_cloud(path: str | os.PathLike[str]) -> PlyCloud:
-    """Read the Gaussians of a PLY in the layout of 3D Gaussian Splatting.
-
-    Raises:
-        ValueError: as `read_elements`, or the layout differs.
-    """
+    """Read the Gaussians of a PLY in the layout of 3D Gaussian Splatting; errors as `read_sharp`."""
     return _cloud(path, read_elements(path))
 
 

@@ -9,7 +9,7 @@ codec's stream format, which is then decoded.
 import base64
 import struct
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,21 +18,22 @@ import numpy as np
 from jaxtyping import UInt8
 
 from lagsplat.io.mcap.messages import read_field
+from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
 
 
 class CameraReader:
-    """Images of one topic, by the number of their message.
+    """Frames of one topic, by the number of their message.
 
-    ``make_frame`` converts a BGR image to the frame that is kept. A message that cannot be decoded is skipped
-    and listed in ``damaged``, unless it is the first. Use it in a ``with`` block: it may make a temporary
-    file.
+    A message that cannot be decoded is skipped and listed in ``damaged``, unless it is the first. ``source``
+    is the file's name in errors. Use it in a ``with`` block: it may make a temporary file.
     """
 
-    def __init__(self, topic: str, make_frame: Callable[[np.ndarray], np.ndarray]) -> None:
-        self.topic = topic
-        self.pictures: dict[int, np.ndarray] = {}
+    def __init__(self, topic: str, settings: FrameSettings, *, source: str) -> None:
+        self.topic, self.settings, self.source = topic, settings, source
+        self.frames: dict[int, np.ndarray] = {}
         self.damaged: list[str] = []
-        self._make_frame = make_frame
+        self.thumbnails = Thumbnails()
+        self.start_ns = 0  # time of the first message
         self._packets = VideoPackets()
         self._wanted: list[bool] = []
 
@@ -42,27 +43,30 @@ class CameraReader:
     def __exit__(self, *error: object) -> None:
         self._packets.close()
 
-    def add(self, message: Any, schema_name: str, *, wanted: bool) -> None:
-        """Take the next message; keep its image if ``wanted``.
+    def add(self, message: Any, schema_name: str, now_ns: int) -> None:
+        """Take the next message, of the time ``now_ns``; keep its image if it is not cut off.
 
         Raises:
             ValueError: the topic has no images, the first cannot be decoded, or a video changes format.
         """
-        number = len(self._wanted)
+        number, end_s = len(self._wanted), self.settings.end_s
+        if number == 0:
+            self.start_ns = now_ns
+        since_ns = now_ns - self.start_ns
+        wanted = since_ns >= round(1e9 * self.settings.skip_s)
+        wanted = wanted and (end_s is None or since_ns < round(1e9 * end_s))
         self._wanted.append(wanted)
         kind = image_kind(schema_name)
         if kind is None:
-            kinds = ", ".join(MESSAGES)
-            raise ValueError(
-                f"topic {self.topic} holds {schema_name}, which is no picture; choose one of {kinds}"
-            )
+            problem = f"{schema_name}, which is no picture; choose one of {', '.join(MESSAGES)}"
+            raise ValueError(f"topic {self.topic} holds {problem}")
         try:
             if kind == VIDEO:
                 self._packets.add(message_bytes(message), format=str(read_field(message, "format")))
             elif wanted:
-                self.pictures[number] = self._make_frame(decode_image(message, kind))
+                self._keep(number, decode_image(message, kind))
         except ValueError as error:
-            if kind == VIDEO or not self.pictures:
+            if kind == VIDEO or not self.frames:
                 raise ValueError(f"topic {self.topic}, message {number}: {error}") from error
             self.damaged.append(f"message {number}: {error}")
 
@@ -75,7 +79,12 @@ class CameraReader:
         if self._packets.count:
             for number, picture in enumerate(self._packets.pictures()):
                 if self._wanted[number]:
-                    self.pictures[number] = self._make_frame(picture)
+                    self._keep(number, picture)
+
+    def _keep(self, number: int, picture: UInt8[np.ndarray, "h w 3"]) -> None:
+        picture = rotate_image(picture, self.settings.rotate)
+        self.thumbnails.add(picture)
+        self.frames[number] = crop_and_resize(picture, self.settings, source=self.source)
 
 
 COMPRESSED, RAW, VIDEO = "compressed", "raw", "video"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, UInt8
+from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.files.atomic import sha256_of
@@ -32,7 +32,7 @@ from lagsplat.io.mcap.recovery import read_whole_messages
 from lagsplat.io.recording.alignment import InputLog, align_log
 from lagsplat.io.recording.recording import Recording
 from lagsplat.video_quality.assessment import assess_video
-from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
+from lagsplat.video_quality.frames import FrameSettings
 
 
 def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameSettings) -> Recording:
@@ -48,26 +48,19 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
             overlap; or no frame is left.
     """
     path = Path(path)
-    thumbnails = Thumbnails()
-
-    def make_frame(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "H W 3"]:
-        picture = rotate_image(picture, settings.rotate)
-        thumbnails.add(picture)
-        return crop_and_resize(picture, settings, source=str(path))
-
-    with CameraReader(str(topics.camera), make_frame) as camera:
-        log = _Log(path, topics, camera, settings)
+    with CameraReader(str(topics.camera), settings, source=str(path)) as camera:
+        log = _Log(path, topics, camera)
         log.read()
     numbers, frame_s = log.frame_times()
     logs = [log.samples(each) for each in topics.inputs]
     aligned = align_log(frame_s, logs, max_gap_s=topics.max_gap_s, source=str(path))
-    pictures = [camera.pictures.pop(int(number)) for number in numbers[aligned.kept]]
+    pictures = [camera.frames.pop(int(number)) for number in numbers[aligned.kept]]
     sizes = {picture.shape[:2] for picture in pictures}
     if len(sizes) > 1:
         found = f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width)"
         raise ValueError(f"{found}; give recording.height and recording.width")
     frames, time_s = np.stack(pictures), frame_s[aligned.kept]
-    footage = assess_video(frames, time_s, thumbnails, crop=settings.crop)
+    footage = assess_video(frames, time_s, camera.thumbnails, crop=settings.crop)
     for sentence in footage.warnings:
         warnings.warn(f"{path}: {sentence}", stacklevel=3)
     return Recording(
@@ -88,7 +81,7 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
             "camera": camera.topic,
             "clock": topics.clock,
             "max_gap_s": topics.max_gap_s,
-            "start_ns": log.start_ns,
+            "start_ns": camera.start_ns,
             "rotate": settings.rotate,
             "grey": settings.grey,
             "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
@@ -100,15 +93,12 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
 class _Log:
     """One pass over the file: images of the camera, and stamps and values of every topic in use."""
 
-    def __init__(self, path: Path, topics: McapConfig, camera: CameraReader, settings: FrameSettings) -> None:
-        self.path, self.clock, self.camera, self.settings = path, topics.clock, camera, settings
-        self.start_ns = 0  # time of the camera's first message
-        self._stamps = {
-            topic: Timestamps(topic) for topic in [camera.topic, *(each.topic for each in topics.inputs)]
-        }
-        self._values: dict[tuple[str, str], list[float]] = {
-            (each.topic, each.field): [] for each in topics.inputs
-        }
+    def __init__(self, path: Path, topics: McapConfig, camera: CameraReader) -> None:
+        self.path, self.clock, self.camera = path, topics.clock, camera
+        used = [camera.topic, *(each.topic for each in topics.inputs)]
+        self._stamps = {topic: Timestamps(topic) for topic in used}
+        fields = [(each.topic, each.field) for each in topics.inputs]
+        self._values: dict[tuple[str, str], list[float]] = {field: [] for field in fields}
 
     def read(self) -> None:
         """Read the file once."""
@@ -124,10 +114,8 @@ class _Log:
                 except ValueError as error:
                     raise ValueError(f"{self.path}: {error}") from error
         if losses:
-            self._warn(
-                f"damaged: {'; '.join(losses)}. {sum(there.values())} messages are whole, the last one "
-                f"logged at {last_ns / 1e9:.3f} s"
-            )
+            rest = f"{sum(there.values())} messages are whole, the last one logged at {last_ns / 1e9:.3f} s"
+            self._warn(f"damaged: {'; '.join(losses)}. {rest}")
         for topic in self._stamps:
             if topic not in there:
                 near = difflib.get_close_matches(topic, there, n=1)
@@ -141,10 +129,8 @@ class _Log:
             self.camera.finish()
         except ValueError as error:
             raise ValueError(f"{self.path}: topic {self.camera.topic}: {error}") from error
-        if damaged := self.camera.damaged:
-            self._warn(
-                f"{len(damaged)} pictures cannot be decoded and are dropped; the first is {damaged[0]}"
-            )
+        if bad := self.camera.damaged:
+            self._warn(f"{len(bad)} pictures cannot be decoded and are dropped; the first is {bad[0]}")
         self._times = {topic: self._choose_times(stamps) for topic, stamps in self._stamps.items()}
 
     def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
@@ -152,7 +138,10 @@ class _Log:
         self._stamps[topic].header_ns.append(header_ns)
         self._stamps[topic].log_ns.append(log_ns)
         if topic == self.camera.topic:
-            self._take_picture(message, schema_name, header_ns if self.clock == "header" else log_ns)
+            now_ns = header_ns if self.clock == "header" else log_ns
+            if now_ns is None:
+                raise ValueError(f"topic {topic}: a message has no stamp; use recording.mcap.clock=log")
+            self.camera.add(message, schema_name, now_ns)
         for (each, path), values in self._values.items():
             if each == topic:
                 try:
@@ -160,29 +149,16 @@ class _Log:
                 except ValueError as error:
                     raise ValueError(f"topic {topic}, message {len(values)}: {error}") from error
 
-    def _take_picture(self, message: Any, schema_name: str, now_ns: int | None) -> None:
-        if now_ns is None:
-            raise ValueError(
-                f"topic {self.camera.topic}: a message has no stamp; use recording.mcap.clock=log"
-            )
-        if len(self._stamps[self.camera.topic].log_ns) == 1:
-            self.start_ns = now_ns
-        since, end_s = now_ns - self.start_ns, self.settings.end_s
-        wanted = since >= round(1e9 * self.settings.skip_s) and (end_s is None or since < round(1e9 * end_s))
-        self.camera.add(message, schema_name, wanted=wanted)
-
     def frame_times(self) -> tuple[Int64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
         """Numbers of the camera messages whose image is kept, and their times [s]."""
         frame_ns, fresh = self._times[self.camera.topic]
         numbers = np.flatnonzero(fresh)
-        kept = np.array([int(number) in self.camera.pictures for number in numbers], bool)
+        kept = np.array([int(number) in self.camera.frames for number in numbers], bool)
         if not kept.any():
-            raise ValueError(
-                f"{self.path}: no frame to keep; topic {self.camera.topic} has "
-                f"{len(self._stamps[self.camera.topic].log_ns)} messages, with skip_s = "
-                f"{self.settings.skip_s} and end_s = {self.settings.end_s}. Check the cut"
-            )
-        return numbers[kept], (frame_ns[kept] - self.start_ns) / 1e9
+            cut = f"skip_s = {self.camera.settings.skip_s} and end_s = {self.camera.settings.end_s}"
+            messages = f"topic {self.camera.topic} has {len(self._stamps[self.camera.topic].log_ns)} messages"
+            raise ValueError(f"{self.path}: no frame to keep; {messages}, with {cut}. Check the cut")
+        return numbers[kept], (frame_ns[kept] - self.camera.start_ns) / 1e9
 
     def samples(self, source: McapInputConfig) -> InputLog:
         """Samples of one input, in seconds from the camera's first message."""
@@ -190,17 +166,15 @@ class _Log:
         values = np.array(self._values[source.topic, source.field][: len(fresh)])[fresh]
         finite = np.isfinite(values)
         if not finite.all():
-            self._warn(
-                f"topic {source.topic}: {(~finite).sum()} of {len(values)} values of {source.field} are not "
-                "finite and are taken as missing"
-            )
-        return InputLog(source.name, (times - self.start_ns)[finite] / 1e9, values[finite])
+            values_lost = f"{(~finite).sum()} of {len(values)} values of {source.field}"
+            self._warn(f"topic {source.topic}: {values_lost} are not finite and are taken as missing")
+        return InputLog(source.name, (times - self.camera.start_ns)[finite] / 1e9, values[finite])
 
     def _choose_times(self, stamps: Timestamps) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
         """Times of a topic [ns] and the messages they belong to, up to the first one after the cut."""
-        if self.settings.end_s is not None:
+        if self.camera.settings.end_s is not None:
             # Messages after the cut are not checked: they may be the reason for the cut.
-            end_ns = self.start_ns + round(1e9 * self.settings.end_s)
+            end_ns = self.camera.start_ns + round(1e9 * self.camera.settings.end_s)
             times = enumerate(stamps.of_clock(self.clock), 1)
             late = (count for count, time in times if time is not None and time >= end_ns)
             count = next(late, len(stamps.log_ns))
@@ -213,11 +187,11 @@ class _Log:
 
 @dataclass
 class TopicSummary:
-    """Summary of one topic; times are log times [ns].
+    """Summary of one topic, with the log times and the stamps of its messages [ns].
 
     ``numbers`` are paths of the numbers in its first message, at most 32, and ``moving`` those that change.
-    ``header_ns`` are the stamps of its messages, None if missing. For a topic with more numbers, such as a
-    point cloud, only the first message is decoded. ``problem`` says why no message was decoded.
+    Of a topic with more, such as a point cloud, only the first message is decoded. ``problem`` says why no
+    message was decoded.
     """
 
     name: str

@@ -10,11 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
-
-
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-
-
 TIMES = "times.csv"
 
 
@@ -32,8 +28,8 @@ class VideoClip:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that determines the clip's content."""
-        own = self.images or (self.path,)
-        return own if self.times is None else (*own, self.times)
+        files = self.images or (self.path,)
+        return files if self.times is None else (*files, self.times)
 
 
 def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
@@ -50,21 +46,18 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
         return (VideoClip(path),)
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such file or folder; check recording.path")
-    found = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
-    found = [entry for entry in found if not entry.name.startswith(".")]
-    films = [entry for entry in found if entry.suffix.lower() in VIDEO_SUFFIXES]
-    images = [entry for entry in found if entry.suffix.lower() in IMAGE_SUFFIXES]
+    files = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
+    visible = [file for file in files if not file.name.startswith(".")]
+    films = [file for file in visible if file.suffix.lower() in VIDEO_SUFFIXES]
+    images = [file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES]
     if films and images:
         raise ValueError(
             f"{path}: holds {len(films)} films ({films[0].name}, ...) and {len(images)} images "
             f"({images[0].name}, ...); keep the films or the images of a recording in a folder of their own"
         )
     if not films and not images:
-        raise ValueError(
-            f"{path}: holds neither a film ({' '.join(VIDEO_SUFFIXES)}) nor an image "
-            f"({' '.join(IMAGE_SUFFIXES)}); "
-            "name a film, a folder of films, or a folder of images"
-        )
+        films_or_images = f"a film ({' '.join(VIDEO_SUFFIXES)}) nor an image ({' '.join(IMAGE_SUFFIXES)})"
+        raise ValueError(f"{path}: holds neither {films_or_images}; name a film or a folder of either")
     if films:
         return tuple(VideoClip(film) for film in films)
     times = path / TIMES

@@ -140,9 +140,7 @@ def _film(path: Path, settings: FrameSettings) -> Pictures:
 
 def _warn_if_short(path: Path, times: Sequence[float], *, lacking: int | None, announced: int) -> None:
     if lacking:
-        reason = (
-            f"{lacking} bytes are missing at the end of the file, and the frame before the break is left out"
-        )
+        reason = f"{lacking} bytes are missing at its end, and the frame before the break is left out"
     elif lacking is None and len(times) < announced:
         reason = f"its header announces {announced}"
     else:
@@ -174,13 +172,14 @@ def _images(clip: VideoClip, settings: FrameSettings) -> Pictures:
 
 def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
     """Time [s] of each image: from the table beside them, or every ``dt_s`` from 0."""
+    n = len(clip.images)
     if clip.times is None:
         if dt_s is None:
             raise ValueError(
-                f"{clip.path}: {len(clip.images)} images carry no times; give their spacing with "
-                "recording.dt_s=SECONDS, or a times.csv beside them with a column t [s]"
+                f"{clip.path}: {n} images carry no times; give their spacing with recording.dt_s=SECONDS, "
+                "or a times.csv beside them with a column t [s]"
             )
-        return [dt_s * i for i in range(len(clip.images))]
+        return [dt_s * i for i in range(n)]
     if dt_s is not None:
         raise ValueError(f"{clip.times}: gives the times, and so does recording.dt_s = {dt_s}; drop one")
     with clip.times.open(newline="", encoding="utf-8-sig") as file:
@@ -189,10 +188,10 @@ def _times_of(clip: VideoClip, dt_s: float | None) -> list[float]:
         times = [float(row["t"]) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{clip.times}: {error}; give one number a row in a column t [s]") from error
-    if len(times) != len(clip.images) or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+    if len(times) != n or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
         raise ValueError(
-            f"{clip.times}: {len(times)} times for {len(clip.images)} images; give one finite time an image, "
-            "in the order of their names, each above the one before"
+            f"{clip.times}: {len(times)} times for {n} images; give one finite time an image, in the order "
+            "of their names, each above the one before"
         )
     return times
 
@@ -209,8 +208,6 @@ def count_duplicates_at_start(frames: Sequence[UInt8[np.ndarray, "H W 3"]]) -> i
     """
     first = [np.asarray(frame, dtype=np.float32) for frame in frames[:LOOKED_AT]]
     apart = [float(((b - a) ** 2).mean()) for a, b in pairwise(first)]
-    if not apart:
-        return 0
     new = [difference >= SHARE * float(np.median(apart)) for difference in apart]
     return new.index(True) if True in new else 0
 

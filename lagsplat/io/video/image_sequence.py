@@ -24,21 +24,15 @@ def write_dnerf(
     """Write frames as numbered PNGs with one listing; return the time of the train-test split.
 
     Times run evenly from 0 to 1 over the clip. Frames before the returned time are the first ``n_train``:
-    tools that split a listing by time train on these.
-
-    Args:
-        folder: Where to write.
-        frames: The clip, by one fixed camera.
-        n_train: Number of training frames.
-        field_of_view_rad: Of the camera.
-        distance: Of the camera on the z axis; it looks along -z at the origin, x to the right, y up.
+    tools that split a listing by time train on these. The one fixed camera is at ``distance`` on the z axis
+    and looks along -z at the origin, x to the right, y up.
 
     Raises:
         ValueError: no frame to train on, or none to predict.
     """
     if not 0 < n_train < len(frames):
-        held = f"{len(frames)} frames, of which {n_train} to train on"
-        raise ValueError(f"{held}: both parts must hold a frame; choose another split")
+        counts = f"{len(frames)} frames, of which {n_train} to train on"
+        raise ValueError(f"{counts}: both parts must hold a frame; choose another split")
     place = Path(folder)
     (place / "frames").mkdir(parents=True, exist_ok=True)
     camera = np.eye(4)
@@ -46,16 +40,10 @@ def write_dnerf(
     listed = []
     for index, frame in enumerate(frames):
         name = f"frames/{index:05d}"
-        written = cv2.imwrite(str(place / f"{name}.png"), np.asarray(frame)[..., ::-1])
-        if not written:
+        if not cv2.imwrite(str(place / f"{name}.png"), np.asarray(frame)[..., ::-1]):
             raise OSError(f"{place / name}.png: cannot be written; check the disk and the rights")
-        listed.append(
-            {
-                "file_path": name,
-                "time": index / (len(frames) - 1),
-                "transform_matrix": camera.tolist(),
-            }
-        )
+        time = index / (len(frames) - 1)
+        listed.append({"file_path": name, "time": time, "transform_matrix": camera.tolist()})
     listing = {"camera_angle_x": field_of_view_rad, "frames": listed}
     write_text(place / LISTING, json.dumps(listing, indent=1))
     return (n_train - 0.5) / (len(frames) - 1)
@@ -64,41 +52,31 @@ def write_dnerf(
 def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, at_least: int) -> Frames:
     """Read the PNGs ``00000.png``, ``00001.png``, ... of a folder, in order: uint8 (N, H, W, 3).
 
-    Args:
-        folder: The folder.
-        height, width: Expected size of the images [px].
-        at_least: Smallest number of images.
-
     Raises:
         FileNotFoundError: there is no such folder.
-        ValueError: fewer than ``at_least``, a gap in the numbers, an image of another size or one that
-            cannot be read.
+        ValueError: fewer than ``at_least``, a gap in the numbers, an image that is not of ``height`` x
+            ``width`` [px] or that cannot be read.
     """
     place = Path(folder)
     if not place.is_dir():
         raise FileNotFoundError(f"{place}: no such folder of predicted frames; check the path")
-    files = sorted(
-        (path for path in place.glob("*.png") if path.stem.isdigit()), key=lambda path: int(path.stem)
-    )
+    files = {int(path.stem): path for path in place.glob("*.png") if path.stem.isdigit()}
     if len(files) < at_least:
         raise ValueError(
             f"{place}: {len(files)} predicted frames, but {at_least} are held out; predict as many"
         )
-    numbers = [int(path.stem) for path in files]
-    missing = sorted(set(range(numbers[0], numbers[-1] + 1)) - set(numbers))
+    first, last = min(files), max(files)
+    missing = [number for number in range(first, last + 1) if number not in files]
     if missing:
-        ends = f"{numbers[0]:05d}.png to {numbers[-1]:05d}.png"
         lacking = f"{missing[0]:05d}.png is missing ({len(missing)} such)"
-        raise ValueError(f"{place}: {ends}, but {lacking}; copy the folder again")
+        raise ValueError(f"{place}: {first:05d}.png to {last:05d}.png, but {lacking}; copy the folder again")
     pictures = []
-    for path in files:
+    for _, path in sorted(files.items()):
         picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
         if picture is None:
             raise ValueError(f"{path}: not a picture that can be read; copy it again")
         if picture.shape[:2] != (height, width):
-            size = f"{picture.shape[0]} x {picture.shape[1]}"
-            raise ValueError(
-                f"{path}: {size} pixels, but the recording has {height} x {width}; predict that size"
-            )
+            size = f"{picture.shape[0]} x {picture.shape[1]} pixels"
+            raise ValueError(f"{path}: {size}, but the recording has {height} x {width}; predict that size")
         pictures.append(picture[..., ::-1])
     return np.ascontiguousarray(np.stack(pictures))

@@ -117,10 +117,11 @@ def _read_clip(clip: VideoClip, settings: FrameSettings) -> _Film:
             times.append(time_s)
             frames.append(frame)
     if not frames:
+        span = f"from {min(clock, default=0.0):.3f} s to {max(clock, default=0.0):.3f} s"
+        cut = f"skip_s = {settings.skip_s} and end_s = {settings.end_s}"
         raise ValueError(
-            f"{source}: no frame to keep; {len(clock)} were read, from {min(clock, default=0.0):.3f} s to "
-            f"{max(clock, default=0.0):.3f} s, with skip_s = {settings.skip_s} and end_s = "
-            f"{settings.end_s}. Check the cut, or the file if none was read"
+            f"{source}: no frame to keep; {len(clock)} were read, {span}, with {cut}. Check the cut, or the "
+            "file if none was read"
         )
     n_same = count_duplicates_at_start(frames)
     if n_same:
@@ -154,9 +155,8 @@ def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> Fr
         sizes = [(columns, rows) for rows, columns in sizes]
     if len(set(sizes)) == 1:
         return settings
-    listed = ", ".join(
-        f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in zip(clips, sizes, strict=True)
-    )
+    named = zip(clips, sizes, strict=True)
+    listed = ", ".join(f"{clip.path.name} {columns} x {rows}" for clip, (rows, columns) in named)
     if settings.crop is not None:
         effect = "recording.crop takes the same pixels from each, whatever they show there"
         warnings.warn(f"clips differ in size ({listed} px); {effect}", stacklevel=4)
@@ -176,14 +176,10 @@ def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> Fr
 def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> None:
     spacing = [float(np.median(np.diff(film.time_s))) if len(film.time_s) > 1 else np.nan for film in films]
     if np.nanmax(spacing) > (1.0 + SAME_SHAPE) * np.nanmin(spacing):
-        listed = ", ".join(
-            f"{clip.path.name} {1.0 / step:.3f}" for clip, step in zip(clips, spacing, strict=True)
-        )
-        warnings.warn(
-            f"clips differ in frame rate ({listed} frames/s); their own times are kept, but whatever counts "
-            "in frames treats them alike. Give clips of one rate",
-            stacklevel=3,
-        )
+        named = zip(clips, spacing, strict=True)
+        listed = ", ".join(f"{clip.path.name} {1.0 / step:.3f}" for clip, step in named)
+        effect = "their own times are kept, but whatever counts in frames treats them alike"
+        warnings.warn(f"clips differ in frame rate ({listed} frames/s); {effect}", stacklevel=3)
 
 
 COLORS = 128
