@@ -233,5 +233,5 @@ class VideoPackets:
         if found == 0:
             raise ValueError(f"OpenCV cannot decode the {self.format!r} video on this machine; {TRANSCODE}")
         if found != self.count:
-            found = f"{self.count} packets of {self.format!r} video give {found} pictures"
-            raise ValueError(f"{found}, so times cannot be told; {TRANSCODE}")
+            counts = f"{self.count} packets of {self.format!r} video give {found} pictures"
+            raise ValueError(f"{counts}, so times cannot be told; {TRANSCODE}")
