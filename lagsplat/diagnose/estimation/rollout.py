@@ -112,11 +112,10 @@ class RolloutModel:
         laws, along, inertia, theta, memory = self._laws(effects, parts, len(nuisance), windows)
         basis, model = self.model.basis, self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
+        coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
         roll_out_batch(
             (basis.kind, basis.order, basis.centre, basis.scale),
-            *(move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS),
-            model.width,
-            model.rest,
+            (*coefficients, model.width, model.rest),
             laws,
             along,
             inertia,
@@ -216,18 +215,9 @@ class RolloutModel:
             values = {"zero": np.zeros_like(s), "s": s, "v": v}[name]
             begin[:, :, i] = values[dataset.clips[:, 0]]
         begin[:, list(effect.free_clips)] += free.reshape(len(free), -1, effect.n_memory)
-        integrate_memory(
-            effect.law,
-            np.ascontiguousarray(law_theta),
-            dataset.time,
-            s,
-            v,
-            spring @ p / direction.inertia,
-            drive @ p / direction.inertia,
-            dataset.clips,
-            begin,
-            out,
-        )
+        motion = np.stack([s, v, spring @ p / direction.inertia, drive @ p / direction.inertia], axis=1)
+        law_theta = np.ascontiguousarray(law_theta)
+        integrate_memory(effect.law, law_theta, dataset.time, motion, dataset.clips, begin, out)
         return out[which.reshape(-1)][:, windows.first]
 
 

@@ -17,10 +17,13 @@ from numba import float64, njit, prange, types
 
 from lagsplat.diagnose.mechanics.basis import evaluate_basis, find_highest_power
 
-FORCE_LAW_SIGNATURE = float64(
-    float64, float64, float64, float64, float64, float64[::1], float64[::1], float64[::1]
-)
+VECTOR, MATRIX, CUBE = float64[::1], float64[:, ::1], float64[:, :, ::1]
+FORCE_LAW_SIGNATURE = float64(float64, float64, float64, float64, float64, VECTOR, VECTOR, VECTOR)
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
+MEMORY_SIGNATURE = types.void(
+    types.FunctionType(FORCE_LAW_SIGNATURE), MATRIX, VECTOR, MATRIX, types.int64[:, ::1], CUBE, CUBE
+)
+"""Signature of `integrate_memory`, which takes any law and is so compiled once."""
 DIVERGED_SCALES = 1e6
 """Distance from rest, in units of the scale of a coordinate, beyond which a rollout counts as diverged."""
 MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
@@ -33,13 +36,10 @@ def take_runge_kutta_step(
     step: np.ndarray,
     points: tuple[Any, Any, Any],
 ) -> np.ndarray:
-    """The state one step of ``d state/dt = rate(state, point)`` later, in NumPy for any function and shape.
+    """The state one step of ``d state/dt = rate(state, point)`` later, for any shape.
 
-    Args:
-        rate: the function to integrate, of a state and of one of ``points``.
-        state: where the step starts, of any shape.
-        step: length of the step [s], of a shape that broadcasts to that of ``state``.
-        points: what ``rate`` takes besides the state (times or inputs) at the step's start, middle and end.
+    ``step`` [s] broadcasts to ``state``; ``points`` are what ``rate`` takes besides the state (times or
+    inputs) at the step's start, middle and end.
     """
     start, middle, end = points
     k1 = rate(state, start)
@@ -97,14 +97,10 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
     Args:
         basis: kind, order, centre and scale of the basis.
         fields: mass, damping, potential, input map, dry friction, drag, friction width and rest.
-        state: coordinates and velocities (2 d,); more may follow.
-        u: inputs (n_u,).
-        rate: velocities and forces (2 d,), written.
-        phi: values of the basis (K,), scratch.
-        slope: their derivatives (d, K), scratch.
-        work: the conservative and the actuated forces (2 d,), written.
+        state, u: coordinates and velocities (2 d,), more may follow; inputs (n_u,).
+        rate, work: velocities and forces (2 d,), conservative and actuated forces (2 d,), written.
         m: the mass matrix (d, d), of which the lower triangle is written.
-        powers: scratch of `lagsplat.diagnose.mechanics.basis.evaluate_basis`.
+        phi, slope, powers: scratch for the basis (K,), (d, K), and as `evaluate_basis` takes it.
     """
     kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
@@ -146,8 +142,9 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, slope, work, m, powers):
+def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, scratch):
     """Write the rate of ``state``: coordinates, velocities and the force laws' memories, slot after slot."""
+    phi, slope, work, m, powers = scratch
     rest = fields[7]
     d = rest.shape[0]
     n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
@@ -173,28 +170,7 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, phi, sl
 @njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def roll_out_batch(
-    basis,
-    mass,
-    damping,
-    potential,
-    input_map,
-    dry,
-    drag,
-    width,
-    rest,
-    laws,
-    along,
-    inertia,
-    theta,
-    memory,
-    starts,
-    first,
-    length,
-    time,
-    u,
-    u_of,
-    steps,
-    out,
+    basis, fields, laws, along, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
 
@@ -202,36 +178,29 @@ def roll_out_batch(
 
     Args:
         basis: kind, order, centre and scale of the basis.
-        mass: coefficients (P, d, d, K).
-        damping: coefficients (P, d, d, K).
-        potential: coefficients (P, K).
-        input_map: coefficients (P, n_u, d, K).
-        dry: dry friction (P, d).
-        drag: quadratic drag (P, d).
-        width: speed (d,) below which dry friction is linear [unit of the coordinate per second].
-        rest: equilibrium (d,).
-        laws: compiled force laws, one a slot.
-        along: their directions (slots, d).
-        inertia: reference inertia along each; zero for a slot that is not used.
-        theta: parameters of the laws (P, slots, n).
-        memory: the laws' memory at the windows' starts (P, W, slots, Z).
+        fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
+            drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
+        laws, along, inertia: compiled force laws, one a slot, their directions (slots, d), and the reference
+            inertia along each, zero for a slot that is not used.
+        theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
+            (P, W, slots, Z).
         starts: initial states (P, W, 2 d).
-        first: first frame of each window (W,).
-        length: its number of frames (W,).
+        first, length: first frame of each window and its number of frames (W,).
         time: times of all frames (N,) [s].
-        u: inputs (S, N, steps, 3, n_u) at the start, middle and end of every substep.
-        u_of: which of the S signals each set of parameters uses (P,).
+        u, u_of: inputs (S, N, steps, 3, n_u) at the start, middle and end of every substep, and which of the
+            S signals each set of parameters uses (P,).
         steps: Runge-Kutta steps between two frames.
         out: states (P, W, L, 2 d), written. A diverged rollout stays at `DIVERGED_SCALES`.
     """
+    mass, damping, potential, input_map, dry, drag, width, rest = fields
     n_sets, n_windows, two_d = starts.shape
     d = two_d // 2
     for job in prange(n_sets * n_windows):
         p, w = job // n_windows, job % n_windows
-        fields = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
-        phi, slope = np.empty(basis[0].shape[0]), np.empty((d, basis[0].shape[0]))
-        work, m = np.empty(2 * d), np.empty((d, d))
+        own = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
+        k = basis[0].shape[0]
         powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
+        scratch = (np.empty(k), np.empty((d, k)), np.empty(2 * d), np.empty((d, d)), powers)
         size = two_d + memory.shape[2] * memory.shape[3]
         x, y, total, rate = np.empty(size), np.empty(size), np.empty(size), np.zeros(size)
         x[:two_d] = starts[p, w]
@@ -247,23 +216,8 @@ def roll_out_batch(
                     at = 0 if stage == 0 else (2 if stage == 3 else 1)  # in half steps
                     for i in range(size):
                         y[i] = x[i] + 0.5 * at * h * rate[i]
-                    _rate(
-                        basis,
-                        fields,
-                        laws,
-                        along,
-                        inertia,
-                        theta[p],
-                        time[n] + (step + 0.5 * at) * h,
-                        y,
-                        u[u_of[p], n, step, at],
-                        rate,
-                        phi,
-                        slope,
-                        work,
-                        m,
-                        powers,
-                    )
+                    t, inputs = time[n] + (step + 0.5 * at) * h, u[u_of[p], n, step, at]
+                    _rate(basis, own, laws, along, inertia, theta[p], t, y, inputs, rate, scratch)
                     for i in range(size):
                         total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
                 for i in range(size):
@@ -277,39 +231,22 @@ def roll_out_batch(
                     x[d + i] = 0.0
 
 
-@njit(
-    (
-        types.FunctionType(FORCE_LAW_SIGNATURE),
-        float64[:, ::1],
-        float64[::1],
-        float64[::1],
-        float64[::1],
-        float64[::1],
-        float64[::1],
-        types.int64[:, ::1],
-        float64[:, :, ::1],
-        float64[:, :, ::1],
-    ),
-    cache=True,
-)
+@njit(MEMORY_SIGNATURE, cache=True)
 @no_type_check
-def integrate_memory(force, theta, time, s, v, spring, drive, clips, begin, out):
+def integrate_memory(force, theta, time, motion, clips, begin, out):
     """Write a force law's memory along a recorded motion by the explicit midpoint rule, compiled.
 
     Args:
-        force: the law.
-        theta: its parameters (P, n).
+        force, theta: the law, and its parameters (P, n).
         time: times of the frames (N,) [s].
-        s: coordinate along the law's direction (N,); it is linear between frames, as the next three.
-        v: its rate (N,).
-        spring: the simulator's conservative acceleration along the direction (N,).
-        drive: its actuated acceleration along the direction (N,).
+        motion: along the law's direction, the coordinate, its rate, and the simulator's conservative and
+            actuated acceleration (N, 4); linear between frames.
         clips: first frame and end of each clip (C, 2).
         begin: memory where each clip starts (P, C, Z).
         out: memory at the frames (P, N, Z), written.
     """
     n_sets, _, n_z = out.shape
-    rate, y = np.zeros(n_z), np.zeros(n_z)
+    rate, y, x = np.zeros(n_z), np.zeros(n_z), np.zeros(4)
     for p in range(n_sets):
         for clip in range(clips.shape[0]):
             z = begin[p, clip].copy()
@@ -324,14 +261,8 @@ def integrate_memory(force, theta, time, s, v, spring, drive, clips, begin, out)
                         y[:] = z
                         if half == 1:
                             y[:] += 0.5 * h * rate
-                        force(
-                            time[n] + share * MEMORY_STEPS * h,
-                            s[n] + share * (s[n + 1] - s[n]),
-                            v[n] + share * (v[n + 1] - v[n]),
-                            spring[n] + share * (spring[n + 1] - spring[n]),
-                            drive[n] + share * (drive[n + 1] - drive[n]),
-                            y,
-                            theta[p],
-                            rate,
-                        )
+                        t = time[n] + share * MEMORY_STEPS * h
+                        for i in range(4):
+                            x[i] = motion[n, i] + share * (motion[n + 1, i] - motion[n, i])
+                        force(t, x[0], x[1], x[2], x[3], y, theta[p], rate)
                     z = z + h * rate
