@@ -24,7 +24,6 @@ from lagsplat.diagnose.inference.posterior import (
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
-from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -59,37 +58,55 @@ def diagnose(
         ValueError: the motions are too short for a single window.
     """
     problem, ready, natural = build_problem(sim, real, config)
-    hints = find_hints(sim.model, real, period_s=natural.longest_s, hold=config.input_hold)
-    q_names, u_names = real[0].q_names, real[0].u_names
+    period_s, q_names, u_names = natural.longest_s, real[0].q_names, real[0].u_names
+    hints = find_hints(sim.model, real, period_s=period_s, hold=config.input_hold)
     candidates = place_effects(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
+
+    def fit_effects() -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
+        """Fit the single effects, then the best sets of one to three."""
+        ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
+        sets = combine_effects(problem, ranking, candidates, budget, config, report_progress=report_progress)
+        return ranking, sets
+
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
-    problem, budget, ranking, chain = _search(problem, candidates, budget, config, report_progress)
-    judgement = _judge(problem, ranking, chain, budget, config)
-    best = judgement.best
-    chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
-    holdout, warnings = _forecast_holdout(
-        problem, ranking, chosen, natural.longest_s, (sim.original or sim).model
+    ranking, chain = fit_effects()
+    inflated = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
+    if inflated is not None:  # no effect fits: the noise is larger than it was taken for
+        problem, budget = inflated
+        ranking, chain = fit_effects()
+    judgement = judge_hypotheses(
+        ranking,
+        chain,
+        GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
+        most=compute_motionless_misfit(problem),
+        doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
     )
+    best, warnings = judgement.best, _list_warnings(problem)
+    chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
+    try:
+        given = (sim.original or sim).model
+        holdout = forecast_holdout(problem, ranking.none, chosen, period_s=period_s, given=given)
+    except ValueError as error:
+        holdout, warnings = None, [f"no closure: {error}", *warnings]
     if best is not None and chosen is best and _is_immaterial(problem, ranking, holdout, best, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     checks = {
-        "natural_period_s": natural.longest_s,
+        "natural_period_s": period_s,
         "noise": ready.sigma.tolist(),
-        **_sim_misfits(sim),
-        **_fit_measures(problem, ranking, chain, judgement),
+        **_measure_fits(sim, problem, ranking, chain, judgement),
         **asdict(check_robustness(problem, ranking, chain, judgement, candidates, budget, config)),
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        candidates=_list_candidates(problem, ranking, best, judgement, holdout, natural.longest_s),
+        candidates=_list_candidates(problem, ranking, best, judgement, holdout, period_s),
         combination=tuple(e.effect.name for e in chosen.effects),
         gap=holdout.gap if holdout else None,
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
         excitation=(),
-        warnings=(*warnings, *_excluded_windows_warning(problem)),
+        warnings=tuple(warnings),
         absorbed=(),
         blocks=holdout.blocks if holdout else (),
         checks=checks,
@@ -99,97 +116,38 @@ def diagnose(
     return DiagnosisRun(diagnosis, problem, ranking, chosen)
 
 
-def _search(
-    problem: EstimationProblem,
-    candidates: Sequence[PlacedEffect],
-    budget: SearchBudget,
-    config: DiagnoseConfig,
-    report_progress: Callable[[str], None],
-) -> tuple[EstimationProblem, SearchBudget, ModelRanking, tuple[HypothesisFit, ...]]:
-    """Fit all effects and sets; again with inflated noise, which is returned, where none of them fits."""
-    ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
-    inflated = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
-    if inflated is not None:
-        problem, budget = inflated
-        ranking, chain = _search_effects(problem, candidates, budget, config, report_progress)
-    return problem, budget, ranking, chain
-
-
-def _judge(
+def _measure_fits(
+    sim: EstimatedSimulator,
     problem: EstimationProblem,
     ranking: ModelRanking,
     chain: Sequence[HypothesisFit],
-    budget: SearchBudget,
-    config: DiagnoseConfig,
-) -> Judgement:
-    """The verdict from all fits and the implausibility of the best explanation."""
-    return judge_hypotheses(
-        ranking,
-        chain,
-        GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
-        most=compute_motionless_misfit(problem),
-        doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
-    )
-
-
-def _sim_misfits(sim: EstimatedSimulator) -> dict[str, float]:
-    """Mean square residual of the sim on its own recordings [noise variances], and before a recalibration."""
-    if sim.original is None:
-        return {"sim_misfit": sim.misfit}
-    return {"sim_misfit": sim.misfit, "sim_misfit_as_given": sim.original.misfit}
-
-
-def _search_effects(
-    problem: EstimationProblem,
-    candidates: Sequence[PlacedEffect],
-    budget: SearchBudget,
-    config: DiagnoseConfig,
-    report_progress: Callable[[str], None],
-) -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
-    """Fit the single effects, then the best sets of one to three."""
-    ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-    return ranking, combine_effects(
-        problem, ranking, candidates, budget, config, report_progress=report_progress
-    )
-
-
-def _fit_measures(
-    problem: EstimationProblem, ranking: ModelRanking, chain: Sequence[HypothesisFit], judgement: Judgement
+    judgement: Judgement,
 ) -> dict[str, Any]:
-    """Mean square residual of each explanation [noise variances], as `Diagnosis.checks` lists it."""
-    best = judgement.best or ranking.none
+    """Mean square residuals [noise variances] and factors on the noise, as `Diagnosis.checks` lists them.
+
+    Those of the sim are on its own recordings, now and before a recalibration.
+    """
+
+    def measure(hypothesis: HypothesisFit) -> float:
+        return hypothesis.fit.misfit / problem.degrees_of_freedom
+
+    sets = [{"effects": [e.effect.name for e in fit.effects], "misfit": measure(fit)} for fit in chain]
+    as_given = {"sim_misfit_as_given": sim.original.misfit} if sim.original else {}
     return {
-        "misfit_none": ranking.none.fit.misfit / problem.degrees_of_freedom,
-        "misfit_best": best.fit.misfit / problem.degrees_of_freedom,
+        "sim_misfit": sim.misfit,
+        **as_given,
+        "misfit_none": measure(ranking.none),
+        "misfit_best": measure(judgement.best or ranking.none),
         "unexplained": judgement.unexplained,
         "doubt": judgement.implausibility,
-        "chain": [
-            {
-                "effects": [e.effect.name for e in hypothesis.effects],
-                "misfit": hypothesis.fit.misfit / problem.degrees_of_freedom,
-            }
-            for hypothesis in chain
-        ],
+        "chain": sets,
         "windows": len(problem.windows.first),
         "temper": ranking.noise_inflation,
         "price": problem.noise_inflation,
     }
 
 
-def _forecast_holdout(
-    problem: EstimationProblem,
-    ranking: ModelRanking,
-    chosen: HypothesisFit,
-    period_s: float,
-    given: MechanicalModel,
-) -> tuple[HoldoutForecasts | None, list[str]]:
-    try:
-        return forecast_holdout(problem, ranking.none, chosen, period_s=period_s, given=given), []
-    except ValueError as error:
-        return None, [f"no closure: {error}"]
-
-
-def _excluded_windows_warning(problem: EstimationProblem) -> list[str]:
+def _list_warnings(problem: EstimationProblem) -> list[str]:
     """The warning that windows were left out in which the sim was never seen."""
     if not problem.excluded_windows:
         return []
@@ -232,20 +190,18 @@ def _list_candidates(
     for hypothesis in ranking.found:
         fits.setdefault(hypothesis.name, (hypothesis, hypothesis.effects[-1]))
     if best is not None:
-        for placed in best.effects:
-            fits[placed.effect.name] = (best, placed)
-    out = []
+        fits |= {placed.effect.name: (best, placed) for placed in best.effects}
+    candidates = []
     for number, (name, probability) in enumerate(judgement.probabilities.items()):
         if name not in fits:
-            out.append(Candidate(name, probability))
+            candidates.append(Candidate(name, probability))
             continue
         hypothesis, placed = fits[name]
-        near = (
-            number < MATERIALITY.max_closures
-            and holdout is not None
-            and not isinstance(placed.effect, SampleEffect)
-        )
-        out.append(
+        closure = None
+        is_sample_effect = isinstance(placed.effect, SampleEffect)
+        if number < MATERIALITY.max_closures and holdout is not None and not is_sample_effect:
+            closure = estimate_single_closure(problem, hypothesis, holdout, period_s=period_s)
+        candidates.append(
             Candidate(
                 name,
                 probability,
@@ -253,11 +209,9 @@ def _list_candidates(
                 input=placed.input_name,
                 places=tuple(str(part.location) for part in placed.parts),
                 parameters=estimate_parameters(problem, hypothesis, placed, ranking.noise_inflation),
-                closure=estimate_single_closure(problem, hypothesis, holdout, period_s=period_s)
-                if near and holdout
-                else None,
+                closure=closure,
                 log_evidence=hypothesis.log_evidence,
                 misfit=hypothesis.fit.misfit / problem.degrees_of_freedom,
             )
         )
-    return tuple(out)
+    return tuple(candidates)

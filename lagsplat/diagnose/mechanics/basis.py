@@ -73,17 +73,10 @@ def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Ba
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
-    """Write the functions and their gradients at a single point, compiled.
+    """Write the functions (K,) and their gradients (K, d) at a single point ``q`` (d,), compiled.
 
-    Args:
-        kind: kinds of the functions (K,).
-        order: their powers or multiples (K, d).
-        centre: middle of the region (d,).
-        scale: half its width (d,).
-        q: the point (d,).
-        powers: scratch (d, 1 + highest power), which `evaluate_basis_curvature` reads afterwards.
-        value: functions (K,), written.
-        slope: gradients (K, d), written.
+    The first four arguments are those of `Basis`; ``powers`` is scratch (d, 1 + highest power), which
+    `evaluate_basis_curvature` reads afterwards.
     """
     n, d = order.shape
     for i in range(d):
@@ -120,15 +113,9 @@ def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def evaluate_basis_curvature(kind, order, scale, powers, value, curvature):
-    """Write the second derivatives of the functions at the last point of `evaluate_basis`, compiled.
+    """Write the second derivatives (d, d, K) at the last point of `evaluate_basis`, compiled.
 
-    Args:
-        kind: kinds of the functions (K,).
-        order: their powers or multiples (K, d).
-        scale: half the width of the region (d,).
-        powers: as `evaluate_basis` left it.
-        value: as `evaluate_basis` wrote it.
-        curvature: second derivatives (d, d, K), written.
+    ``powers`` and ``value`` are as `evaluate_basis` left them.
     """
     n, d = order.shape
     for k in range(n):

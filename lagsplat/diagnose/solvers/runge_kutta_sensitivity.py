@@ -155,14 +155,8 @@ def _scratch(basis, d, n_c):
     n = basis[0].shape[0]
     powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
     values = (np.empty(n), np.empty((d, n)), np.empty((d, d, n)), powers, np.empty((2 + 3 * d, n)))
-    return (
-        *values,
-        np.empty((d, 2 * d)),
-        np.empty((d, d)),
-        np.empty(2 * d),
-        np.empty(2 * d),
-        np.empty((d, n_c)),
-    )
+    work, unit = np.empty(2 * d), np.empty(2 * d)
+    return *values, np.empty((d, 2 * d)), np.empty((d, d)), work, unit, np.empty((d, n_c))
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -222,15 +216,12 @@ def roll_out_with_sensitivities(
     """Write the coordinates of every window and their derivatives, compiled and in parallel.
 
     Args:
-        basis: kind, order, centre and scale of the basis.
-        fields: mass, damping, potential, input map, dry friction, drag, friction width and rest, shaped as in
-            `lagsplat.diagnose.solvers.runge_kutta.roll_out_batch` without the first axis.
+        basis, fields: as `roll_out_batch` of `lagsplat.diagnose.solvers.runge_kutta` takes them, but without
+            the first axis.
         columns: shaped as the first six of ``fields``, the column of each coefficient's derivative or -1 for
             none; coefficients of one column move together.
         n_columns: number of these columns, C.
-        starts: initial states (W, 2 d).
-        first: first frame of each window (W,).
-        length: its number of frames (W,).
+        starts, first, length: initial state (W, 2 d), first frame and number of frames (W,) of each window.
         time: times of all frames (N,) [s].
         u: inputs (N, steps, 3, n_u) at the start, middle and end of every substep.
         steps: Runge-Kutta steps between two frames.
