@@ -50,14 +50,29 @@ class Inset:
     ratio: float
 
 
+class LastImages(NamedTuple):
+    """One frame: recorded, and rendered at its encoded and at its predicted state.
+
+    Renders are at ``scale`` times the resolution of the encoded images; the mean squared errors are at the
+    resolution of ``recorded``, the floor's from unsmoothed latents.
+    """
+
+    recorded: Float[np.ndarray, "h w 3"]
+    at_encoded: RgbImage
+    at_predicted: RgbImage
+    scale: float
+    floor_mse: float
+    predicted_mse: float
+    inset: Inset
+
+
 @dataclass(frozen=True)
 class LongRollout:
     """One rollout of the learned dynamics and its last state as images.
 
     ``held_s`` is when the held-out part begins, or None where all of it is held out; ``lost_s`` is when the
     rollout diverged, or None. ``nrmse`` is the latent error over the window and ``held_nrmse`` over its
-    held-out end. Renders are at ``scale`` times the resolution of the encoded images; the mean squared
-    errors are at the resolution of ``recorded``, the floor's from unsmoothed latents.
+    held-out end.
     """
 
     time_s: Float64[np.ndarray, " N"]
@@ -71,13 +86,7 @@ class LongRollout:
     period_s: float | None
     held_s: float | None
     lost_s: float | None
-    recorded: Float[np.ndarray, "h w 3"]
-    at_encoded: RgbImage
-    at_predicted: RgbImage
-    scale: float
-    floor_mse: float
-    predicted_mse: float
-    inset: Inset
+    images: LastImages
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,6 @@ def compute_long_rollout(
             f"the finer recording has {source.recording.n_frames} frames and the recording "
             f"{recording.n_frames}; read both in the same way"
         )
-    images = _render_last(source, chart, ends, frame=last)
     frequency = compare_frequency(*cut_free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
@@ -140,8 +148,7 @@ def compute_long_rollout(
         period_s=measure_natural_period(frequency, config),
         held_s=float(time_s[first]) if first else None,
         lost_s=float(time_s[np.argmax(diverged[0])]) if diverged.any() else None,
-        scale=images.at_encoded.shape[0] / recording.height,
-        **images._asdict(),
+        images=_render_last(source, chart, ends, frame=last, encoded_height=recording.height),
     )
 
 
@@ -178,17 +185,9 @@ def first_held_out(stretch: FigureWindow, chart: Chart) -> int | None:
     return first if first > 0 else None
 
 
-class _Images(NamedTuple):
-    recorded: Float[np.ndarray, "h w 3"]
-    at_encoded: RgbImage
-    at_predicted: RgbImage
-    floor_mse: float
-    predicted_mse: float
-    inset: Inset
-
-
-def _render_last(source: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: int) -> _Images:
-    """The images of one frame: recorded, and rendered at its encoded and at its predicted state."""
+def _render_last(
+    source: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: int, encoded_height: int
+) -> LastImages:
     decoder, recording = source.decoder, source.recording
     height, width = recording.height, recording.width
     scale = max(MIN_RENDER_PX / max(height, width), 1.0)
@@ -198,8 +197,15 @@ def _render_last(source: FineDecoder, chart: Chart, ends: np.ndarray, *, frame: 
     recorded = read_recorded_inputs(recording, first=0)(np.array([frame]))
     error = np.abs(np.clip(renders[0], 0.0, 1.0) - recorded[0]).mean(axis=0)
     floor_mse, predicted_mse = (float(image_errors(render[None], recorded)[0]) for render in renders)
-    inset = choose_inset(fine[0], fine[1], error)
-    return _Images(np.moveaxis(recorded[0], 0, 2), fine[0], fine[1], floor_mse, predicted_mse, inset)
+    return LastImages(
+        recorded=np.moveaxis(recorded[0], 0, 2),
+        at_encoded=fine[0],
+        at_predicted=fine[1],
+        scale=len(fine[0]) / encoded_height,
+        floor_mse=floor_mse,
+        predicted_mse=predicted_mse,
+        inset=choose_inset(fine[0], fine[1], error),
+    )
 
 
 def choose_inset(

@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_power_of_ten
@@ -94,6 +95,17 @@ def annotate(
 ) -> None:
     """Write ``text`` at a point of an axis, ``offset`` points to the right and up; ``style`` as there."""
     axis.annotate(text, point, offset, textcoords="offset points", **style)
+
+
+def draw_arrow(
+    axis: Axes, start: Any, stop: Any, colour: str, *, linewidth: float, rim: float, shrink: float = 2.0
+) -> None:
+    """Draw an arrow between two points; a white rim of width ``rim`` keeps it visible on any ground."""
+    look = {"arrowstyle": "-|>", "color": colour, "linewidth": linewidth, "mutation_scale": 8}
+    look |= {"shrinkA": shrink, "shrinkB": shrink}
+    arrow = axis.annotate("", tuple(stop), tuple(start), arrowprops=look, annotation_clip=False)
+    if arrow.arrow_patch is not None:
+        arrow.arrow_patch.set_path_effects([Stroke(linewidth=rim, foreground="white"), Normal()])
 
 
 def place_legend_above(axis: Axes, columns: int, height: float = 1.0) -> None:

@@ -10,22 +10,18 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from lagsplat.report.common.style import (
-    ENCODED,
-    INPUTS,
-    MARK,
-    PAGE_IN,
-    PREDICTED,
-    QUIET,
-    new_figure,
-    paper_style,
-)
+from lagsplat.report.common import style
 
-COLOURS = (INPUTS[3], INPUTS[1])
+COLOURS = (style.INPUTS[3], style.INPUTS[1])
 MIN_SHARE = 1e-5  # share of the amplitude below which a motion is drawn at the edge
 RUN_TITLE = "LaGSplat"
+N_ELLIPSES = 24
+ELLIPSE_SHARE = 0.07  # of the range of the trajectory: the median half axis
+PANEL_IN = 1.75
 
 Extrapolation = Mapping[str, Any]
+Matrices = Float64[np.ndarray, "T d d"]
+States = Float64[np.ndarray, "T d"]
 
 
 def draw_equilibrium(
@@ -39,9 +35,9 @@ def draw_equilibrium(
     Source: paper, the figure of free extrapolation far past the clip.
     """
     results = {RUN_TITLE: [run], **{name: seeds for name, seeds in models.items() if seeds}}
-    colours = dict(zip(results, (PREDICTED, *COLOURS), strict=False))
-    with paper_style():
-        figure = new_figure(PAGE_IN, 1.15 * len(results) + 0.5, title=title)
+    colours = dict(zip(results, (style.PREDICTED, *COLOURS), strict=False))
+    with style.paper_style():
+        figure = style.new_figure(style.PAGE_IN, 1.15 * len(results) + 0.5, title=title)
         left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1.75, 1.0)))
         axes = np.atleast_1d(left.subplots(len(results), 1, sharex=True, sharey=True))
         for axis, (name, seeds) in zip(axes, results.items(), strict=True):
@@ -64,45 +60,36 @@ def _draw_trajectory(
     axis: Axes, run: Extrapolation, seeds: Sequence[Extrapolation], name: str, colour: str
 ) -> None:
     dt_s, frames = run["recording"]["dt_s"], run["recording"]["frames"]
-    boundary = frames - run["recording"]["held_out"]
-    axis.axvspan(0, (frames - 1) * dt_s, color=QUIET, alpha=0.18, linewidth=0)
-    axis.axhline(run["equilibrium"][0], color=MARK, linestyle="--", linewidth=0.6)
+    last_train = frames - run["recording"]["held_out"] - 1
+    clip, middle = _coordinate(run["clip"]), run["equilibrium"][0]
+    axis.axvspan(0, (frames - 1) * dt_s, color=style.QUIET, alpha=0.18, linewidth=0)
+    axis.axhline(middle, color=style.MARK, linestyle="--", linewidth=0.6)
     for index, result in reversed(list(enumerate(seeds))):
         path = _coordinate(result["looks"][0]["states"])
-        time_s = (boundary - 1 + np.arange(len(path))) * dt_s
+        time_s = (last_train + np.arange(len(path))) * dt_s
         alpha, width = (0.25, 0.4) if index else (1.0, 0.7)
         axis.plot(time_s, path, color=colour, alpha=alpha, linewidth=width)
-    axis.plot(np.arange(frames) * dt_s, _coordinate(run["clip"]), color=ENCODED, linewidth=0.6)
+    axis.plot(np.arange(frames) * dt_s, clip, color=style.ENCODED, linewidth=0.6)
     text = f"{name}: outside the range of the encoder" if seeds[0]["reason"] else name
     axis.set_title(text, loc="left", color=colour, pad=2)
-    ends = np.ptp(_coordinate(run["clip"])) * 0.62
-    middle = run["equilibrium"][0]
+    ends = np.ptp(clip) * 0.62
     axis.set_ylim(middle - ends, middle + ends)
     if name == RUN_TITLE:
-        axis.annotate(
-            "the clip", (0.5 * frames * dt_s, middle + 0.93 * ends), ha="center", va="top", color=ENCODED
-        )
-        last = (boundary - 1 + len(seeds[0]["looks"][0]["states"])) * dt_s
-        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
-        axis.annotate(
-            "minimum of V",
-            (last, middle),
-            (0, 1),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            color=MARK,
-            bbox=paper,
-        )
+        top = (0.5 * frames * dt_s, middle + 0.93 * ends)
+        axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
+        last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
+        look = {"ha": "right", "va": "bottom", "color": style.MARK}
+        look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
+        style.annotate(axis, "minimum of V", (last, middle), (0, 1), **look)
 
 
 def _draw_phase_plane(
     axis: Axes, run: Extrapolation, results: Mapping[str, Sequence[Extrapolation]], colours: Any
 ) -> None:
     """Draw the last seconds of the drawn part, long after the end of the clip."""
-    dt_s = run["recording"]["dt_s"]
+    dt_s, middle = run["recording"]["dt_s"], run["equilibrium"][0]
     clip = _coordinate(run["clip"])
-    axis.plot(clip, np.gradient(clip, dt_s), color=ENCODED, alpha=0.25, linewidth=0.5)
+    axis.plot(clip, np.gradient(clip, dt_s), color=style.ENCODED, alpha=0.25, linewidth=0.5)
     for name, seeds in results.items():
         if seeds[0]["reason"]:
             continue
@@ -114,33 +101,25 @@ def _draw_phase_plane(
         else:
             axis.plot(late, np.gradient(late, dt_s), color=colours[name], linewidth=0.7)
     axis.set_title("state and velocity in the end", loc="left", pad=2)
+    reach, speed = np.abs(clip - middle).max(), np.abs(np.gradient(clip, dt_s)).max()
     axis.set(xlabel="state", ylabel="velocity [1/s]")
-    reach, speed = np.abs(clip - run["equilibrium"][0]).max(), np.abs(np.gradient(clip, dt_s)).max()
-    axis.set_xlim(run["equilibrium"][0] - 1.25 * reach, run["equilibrium"][0] + 1.25 * reach)
-    axis.set_ylim(-1.25 * speed, 1.25 * speed)
+    axis.set(xlim=(middle - 1.25 * reach, middle + 1.25 * reach), ylim=(-1.25 * speed, 1.25 * speed))
 
 
 def _draw_decay(axis: Axes, results: Mapping[str, Sequence[Extrapolation]], colours: Any) -> None:
     for name, seeds in results.items():
+        # the run is dashed, over whatever falls on the same line
+        dashes, order = ("--", 3) if name == RUN_TITLE else ("-", 2)
         for index, result in enumerate(seeds):
             if result["reason"]:
                 continue
             time_s, share = _measure_envelope(result)
             alpha, width = (0.3, 0.5) if index else (1.0, 1.0)
+            look = {"color": colours[name], "alpha": alpha}
             label = None if index else name
-            dashes = "--" if name == RUN_TITLE else "-"  # drawn over whatever falls on the same line
-            axis.plot(
-                time_s,
-                share,
-                dashes,
-                color=colours[name],
-                label=label,
-                alpha=alpha,
-                linewidth=width,
-                zorder=3 if name == RUN_TITLE else 2,
-            )
+            axis.plot(time_s, share, dashes, label=label, linewidth=width, zorder=order, **look)
             later = len(result["looks"]) - 1
-            axis.plot(time_s[-later:], share[-later:], "o", color=colours[name], markersize=2, alpha=alpha)
+            axis.plot(time_s[-later:], share[-later:], "o", markersize=2, **look)
     axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
     axis.set_ylim(MIN_SHARE / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
@@ -159,14 +138,6 @@ def _measure_envelope(result: Extrapolation) -> tuple[np.ndarray, np.ndarray]:
     return time_s, np.clip(np.nan_to_num(left / start, nan=10.0, posinf=10.0), MIN_SHARE, 10.0)
 
 
-N_ELLIPSES = 24
-ELLIPSE_SHARE = 0.07  # of the range of the trajectory: the median half axis
-PANEL_IN = 1.75
-
-Matrices = Float64[np.ndarray, "T d d"]
-States = Float64[np.ndarray, "T d"]
-
-
 def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title: str) -> Figure:
     """Draw a column for each form of the mass and a row for each two coordinates, in the order of the chart.
 
@@ -183,9 +154,9 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
     d = states.shape[1]
     planes = [(i, i + 1) for i in range(0, d - 1, 2)] + ([(d - 2, d - 1)] if d > 1 and d % 2 else [])
     rows = max(1, len(planes))
-    with paper_style():
-        width = min(PAGE_IN, PANEL_IN * len(forms) + 0.4)
-        figure = new_figure(width, 0.45 + PANEL_IN * rows, title=title)
+    with style.paper_style():
+        width = min(style.PAGE_IN, PANEL_IN * len(forms) + 0.4)
+        figure = style.new_figure(width, 0.45 + PANEL_IN * rows, title=title)
         axes = figure.subplots(rows, len(forms), sharex="row", sharey="row", squeeze=False)
         for column, (name, matrices) in enumerate(forms):
             axes[0, column].set_title(f"mass: {name}")
@@ -193,47 +164,34 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
                 _draw_line(axes[0, column], states[:, 0], matrices[:, 0, 0])
             for row, plane in enumerate(planes):
                 _draw_plane(axes[row, column], states[:, plane], matrices[:, plane][:, :, plane])
-        for row, (i, j) in enumerate(planes):
-            axes[row, 0].set_ylabel(f"$q_{{{j + 1}}}$")
-            for axis in axes[row]:
-                axis.set_xlabel(f"$q_{{{i + 1}}}$")
-        if not planes:
-            axes[0, 0].set_ylabel("$M$")
-            for axis in axes[0]:
-                axis.set_xlabel("$q_1$")
+        labels = [(f"$q_{{{i + 1}}}$", f"$q_{{{j + 1}}}$") for i, j in planes] or [("$q_1$", "$M$")]
+        for row, (xlabel, ylabel) in zip(axes, labels, strict=True):
+            row[0].set_ylabel(ylabel)
+            for axis in row:
+                axis.set_xlabel(xlabel)
     return figure
 
 
 def _draw_line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
     order = np.argsort(q)
-    axis.plot(q[order], mass[order], color=PREDICTED)
-    axis.axhline(float(mass.mean()), color=QUIET, linestyle="--")
+    axis.plot(q[order], mass[order], color=style.PREDICTED)
+    axis.axhline(float(mass.mean()), color=style.QUIET, linestyle="--")
     axis.set_ylim(bottom=0.0)
 
 
 def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
-    axis.plot(*states.T, color=ENCODED, linewidth=0.3, alpha=0.12)
+    axis.plot(*states.T, color=style.ENCODED, linewidth=0.3, alpha=0.12)
     chosen = _choose_distant(states, N_ELLIPSES)
     half = 1.0 / np.sqrt(np.linalg.eigvalsh(matrices))
     scale = ELLIPSE_SHARE * float(np.ptp(states, axis=0).max()) / float(np.median(half))
     mean = np.broadcast_to(matrices.mean(axis=0), matrices[chosen].shape)
-    for shapes, colour, fill in ((mean, QUIET, 0.35), (matrices[chosen], PREDICTED, 0.0)):
+    for shapes, colour, fill in ((mean, style.QUIET, 0.35), (matrices[chosen], style.PREDICTED, 0.0)):
         values, vectors = np.linalg.eigh(shapes)
         axes = 2.0 * scale / np.sqrt(values)
         angles = np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
-        axis.add_collection(
-            EllipseCollection(
-                axes[:, 0],
-                axes[:, 1],
-                angles,
-                units="xy",
-                offsets=states[chosen],
-                offset_transform=axis.transData,
-                facecolors=to_rgba(colour, fill),
-                edgecolors="none" if fill else colour,
-                linewidths=0.7,
-            )
-        )
+        look = {"facecolors": to_rgba(colour, fill), "edgecolors": "none" if fill else colour}
+        place = {"units": "xy", "offsets": states[chosen], "offset_transform": axis.transData}
+        axis.add_collection(EllipseCollection(*axes.T, angles, linewidths=0.7, **place, **look))
     axis.margins(0.18)
     axis.set_aspect("equal", adjustable="box")
 

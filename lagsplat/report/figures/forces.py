@@ -10,21 +10,21 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import Normal, Stroke
 
 from lagsplat.evaluate.forces.motion import SpacePush
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
 from lagsplat.forces.moving_parts import (
+    MovingParts,
     choose_background_points,
     choose_hanging_points,
     choose_lever_points,
     draw_outline,
     find_moving_parts,
 )
-from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
-from lagsplat.splat.projection import View, make_view
+from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
+from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
 FORCE_COLOUR = "#AA1E1E"
@@ -47,14 +47,13 @@ MAPPED_ERRORS = (
 
 @dataclass(frozen=True)
 class ForcePanel:
-    """One equilibrium: its forces, its state, how far that is from rest, and its image.
+    """One equilibrium: its forces, how far its state is from rest, and its image.
 
     ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
     resolution and energy per pixel. ``moved_px`` is how far the matter moved that was pushed first.
     """
 
     name: str
-    q: Float64[np.ndarray, " d"]
     shift: Float64[np.ndarray, " d"]
     moved_px: float
     arrows: Float64[np.ndarray, "n 2 2"]
@@ -65,15 +64,13 @@ class ForcePanel:
 class ForcePanels:
     """All panels of a run, with the outline of the object at rest.
 
-    ``object`` (h, w) is true where the image at rest shows the object, ``size`` (rows, columns) that of the
-    training images, in whose pixels arrows are; ``reach`` the visited range.
+    ``object`` (h, w) is true where the image at rest shows the object; ``size`` (rows, columns) is that of
+    the training images, in whose pixels arrows are.
     """
 
     panels: tuple[ForcePanel, ...]
     object: Bool[np.ndarray, "h w"]
     size: tuple[int, int]
-    rest: Float64[np.ndarray, " d"]
-    reach: float
 
 
 @dataclass(frozen=True)
@@ -90,6 +87,9 @@ class ImagePush:
         return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
 
 
+NamedPushes = list[tuple[str, list[ImagePush]]]
+
+
 def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
     """Draw three by three images of the loaded states.
 
@@ -101,6 +101,10 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
     height, width = panels.size
     largest = max(float(np.linalg.norm(panel.arrows[:, 1], axis=1).max()) for panel in panels.panels)
     scale = MAX_ARROW_SHARE * min(height, width) / largest
+    fine_rows, fine_columns = panels.object.shape
+    x = width * (np.arange(fine_columns) + 0.5) / fine_columns
+    y = height * (np.arange(fine_rows) + 0.5) / fine_rows
+    outline = (x, y, panels.object.astype(float))
     with paper_style():
         side = PAGE_IN / 3.0
         rows = -(-len(panels.panels) // 3)
@@ -108,9 +112,9 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
         axes = figure.subplots(rows, 3, squeeze=False).ravel()
         for axis, letter, panel in zip(axes, ascii_lowercase, panels.panels, strict=False):
             axis.imshow(panel.image.clip(0.0, 1.0), extent=(0, width, height, 0))
-            _draw_outline(axis, panels)
+            axis.contour(*outline, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
             for foot, force in panel.arrows:
-                draw_arrow(axis, foot, scale * force)
+                _draw_force(axis, foot, scale * force)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
         for axis in axes:
             axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
@@ -126,14 +130,6 @@ def _describe_answer(panel: ForcePanel) -> str:
     return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + distance
 
 
-def _draw_outline(axis: Axes, panels: ForcePanels) -> None:
-    fine = panels.object.astype(float)
-    rows, columns = (
-        size * (np.arange(count) + 0.5) / count for size, count in zip(panels.size, fine.shape, strict=True)
-    )
-    axis.contour(columns, rows, fine, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
-
-
 def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> ForcePanels:
     """Compute the equilibria of the paper's nine panels.
 
@@ -147,17 +143,20 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
     """
     scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     radius = config.brush * held.kinematics.width
-    named = _push_hanging(held, config, radius) if hanging else _push_rolling(held, config, radius)
+    named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
     loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
     states = held.equilibria(loads)
     scale = -(-MIN_WIDTH_PX // held.kinematics.width)
     images = held.render_images(states, scale=scale)
-    panels = tuple(
-        _make_panel(held, name, pushes, q, image)
-        for (name, pushes), q, image in zip(named, states, images, strict=True)
-    )
-    seen = draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
-    return ForcePanels(panels, seen, scene.motion.shape, held.rest.numpy(), held.visited_radius)
+    panels = []
+    for (name, pushes), q, image in zip(named, states, images, strict=True):
+        feet = np.stack([push.grip.place(q).numpy() for push in pushes])
+        sizes = np.stack([push.size * push.direction for push in pushes])
+        moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
+        arrows = np.stack([feet, sizes], axis=1)
+        panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image))
+    outline = draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
+    return ForcePanels(tuple(panels), outline, scene.motion.shape)
 
 
 def _make_panel(
@@ -173,14 +172,11 @@ def _make_panel(
     return ForcePanel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), image)
 
 
-def _push_rolling(
-    held: OperatingPoint, config: ForcesConfig, radius: float
-) -> list[tuple[str, list[ImagePush]]]:
+def _push_rolling(held: OperatingPoint, scene: MovingParts, response: float, radius: float) -> NamedPushes:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     grips = [_grasp(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
     far = grips[-1]
-    size = held.find_force_size(far, DOWN, share=config.response)
+    size = held.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
     grips_off_object = []
@@ -192,27 +188,22 @@ def _push_rolling(
     return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips_off_object[:N_BACKGROUND]]
 
 
-def _push_hanging(
-    held: OperatingPoint, config: ForcesConfig, radius: float
-) -> list[tuple[str, list[ImagePush]]]:
+def _push_hanging(held: OperatingPoint, scene: MovingParts, response: float, radius: float) -> NamedPushes:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     *points, along = choose_hanging_points(scene)
     middle, tip = (_grasp(held, point, radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
-    size = held.find_force_size(tip, across, share=config.response)
-    axial = held.find_force_size(tip, along, share=config.response)
-    named = [
-        (name, [ImagePush(grip, sign * direction, amount)])
-        for name, grip, direction, amount in (
-            ("across the tip", tip, across, size),
-            ("across the middle", middle, across, size),
-            ("along, at the tip", tip, -along, axial),
-            ("along, at the middle", middle, -along, axial),
-        )
-        for sign in (-1.0, 1.0)
-    ]
+    size = held.find_force_size(tip, across, share=response)
+    axial = held.find_force_size(tip, along, share=response)
+    named: NamedPushes = []
+    for name, grip, direction, amount in (
+        ("across the tip", tip, across, size),
+        ("across the middle", middle, across, size),
+        ("along, at the tip", tip, -along, axial),
+        ("along, at the middle", middle, -along, axial),
+    ):
+        named += [(name, [ImagePush(grip, sign * direction, amount)]) for sign in (-1.0, 1.0)]
     return [*named, ("opposed", [ImagePush(middle, -across, size), ImagePush(tip, across, size)])]
 
 
@@ -243,7 +234,8 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
                 axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0))
                 if row:
                     foot = push.grip.place(q[row]).numpy()
-                    _arrow(axis, camera, foot, length * push.directions[row - 1])
+                    start, stop = camera.project(np.stack([foot, foot + length * push.directions[row - 1]]))
+                    _draw_force(axis, start, stop - start)
                 text = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _describe_shift(push, row)
                 axis.set_title(f"({ascii_lowercase[3 * row + column]}) {text}", loc="left")
                 axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
@@ -254,16 +246,10 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
 
 def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
     """Turn the camera of the recording about the pivot of the coordinates of space [degree]."""
-    view: View = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
-    focal, middle = view.focal[0].tolist(), view.middle[0].tolist()
-    front = Camera(
-        rotation=np.eye(3),
-        position=np.zeros(3),
-        focal=(focal[0], focal[1]),
-        middle=(middle[0], middle[1]),
-        height=held.kinematics.height,
-        width=held.kinematics.width,
-    )
+    view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
+    focal, middle = tuple(view.focal[0].tolist()), tuple(view.middle[0].tolist())
+    size = {"height": held.kinematics.height, "width": held.kinematics.width}
+    front = Camera(rotation=np.eye(3), position=np.zeros(3), focal=focal, middle=middle, **size)
     return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
 
 
@@ -275,11 +261,6 @@ def _describe_shift(push: SpacePush, row: int) -> str:
     if np.linalg.norm(shift) < MIN_PRINTED_SHIFT:
         return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"
     return rf"$|J^T f|$ = {pulled}, $\Delta q$ = " + ", ".join(f"{x:+.2f}" for x in shift)
-
-
-def _arrow(axis: Axes, camera: Camera, foot: Float64[np.ndarray, "3"], way: Float64[np.ndarray, "3"]) -> None:
-    start, stop = camera.project(np.stack([foot, foot + way]))
-    draw_arrow(axis, start, stop - start)
 
 
 def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], *, title: str) -> Figure:
@@ -307,23 +288,7 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
     return figure
 
 
-def draw_arrow(axis: Axes, foot: np.ndarray, vector: np.ndarray) -> None:
-    """Draw a red arrow with a white rim, its foot marked [px]."""
-    arrow = axis.annotate(
-        "",
-        xy=tuple(foot + vector),
-        xytext=tuple(foot),
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": FORCE_COLOUR,
-            "linewidth": 1.4,
-            "mutation_scale": 8,
-            "shrinkA": 0.0,
-            "shrinkB": 0.0,
-        },
-        annotation_clip=False,
-    )
-    rim = [Stroke(linewidth=2.6, foreground="white"), Normal()]
-    if arrow.arrow_patch is not None:
-        arrow.arrow_patch.set_path_effects(rim)
+def _draw_force(axis: Axes, foot: np.ndarray, vector: np.ndarray) -> None:
+    """A red arrow, its foot marked [px]."""
+    draw_arrow(axis, foot, foot + vector, FORCE_COLOUR, linewidth=1.4, rim=2.6, shrink=0.0)
     axis.plot(*foot, "o", color=FORCE_COLOUR, markersize=2.5, markeredgecolor="white", markeredgewidth=0.5)

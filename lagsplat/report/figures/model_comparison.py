@@ -11,13 +11,16 @@ from matplotlib.figure import Figure
 from lagsplat.baselines.model import Baseline
 from lagsplat.baselines.networks import AttentionDecoder, compute_attention_centres
 from lagsplat.evaluate.novel_views import draw_novel_view
-from lagsplat.evaluate.protocol import EvaluationSubject, roll_out
+from lagsplat.evaluate.protocol import EvaluationSubject, choose_evenly, roll_out
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.common.style import MARK, PAGE_IN, add_colorbar, new_figure, paper_style
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 from lagsplat.views.novel import NovelViews
 
 TIMES_S = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0)
+N_COLUMNS = 6  # columns of novel views: the cameras in turn, each at another instant
+QUANTILES = {"best": 0.0, "25 %": 0.25, "median": 0.5, "75 %": 0.75, "95 %": 0.95, "worst": 1.0}
+MAX_CANDIDATES = 300
 
 FrameStack = Float32[np.ndarray, "n 3 H W"]
 
@@ -112,28 +115,22 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     return figure
 
 
-N_COLUMNS = 6  # columns of novel views: the cameras in turn, each at another instant
-QUANTILES = (0.0, 0.25, 0.5, 0.75, 0.95, 1.0)
-QUANTILE_TITLES = ("best", "25 %", "median", "75 %", "95 %", "worst")
-MAX_CANDIDATES = 300
-
-
 def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title: str) -> Figure:
     """Draw frames from the best to the worst reconstructed, their renders and absolute errors.
 
     Columns are the quantiles of the error over up to 300 evenly spaced frames of ``recording``, so that the
     worst stands beside the typical. The error is the mean over channels.
     """
-    frames = np.unique(np.linspace(0, recording.n_frames - 1, MAX_CANDIDATES).round().astype(int))
+    frames = choose_evenly(recording.n_frames, MAX_CANDIDATES)
     stored = np.asarray(recording.frames[frames])
     images = decode_latents(autoencoder, encode_frames(autoencoder, stored))
     real = stored.astype(np.float32) / np.float32(255)
     rendered = np.clip(np.moveaxis(images, 1, 3), 0.0, 1.0)
     mse = np.mean((rendered - real) ** 2, axis=(1, 2, 3))
     order = np.argsort(mse)
-    picks = [order[round(quantile * (len(order) - 1))] for quantile in QUANTILES]
+    picks = [order[round(quantile * (len(order) - 1))] for quantile in QUANTILES.values()]
     figure, axes = _draw_comparison([real[i] for i in picks], [rendered[i] for i in picks], "recorded", title)
-    for column, (pick, name) in enumerate(zip(picks, QUANTILE_TITLES, strict=True)):
+    for column, (pick, name) in enumerate(zip(picks, QUANTILES, strict=True)):
         axes[0, column].set_title(f"{name}: frame {frames[pick]}")
         axes[2, column].set_xlabel(f"MSE {mse[pick]:.2e}")
     return figure

@@ -8,18 +8,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from lagsplat.chart.chart import Chart
-from lagsplat.report.common.style import (
-    ENCODED,
-    INPUTS,
-    MARK,
-    PAGE_IN,
-    PREDICTED,
-    QUIET,
-    new_figure,
-    paper_style,
-)
+from lagsplat.report.common import style
 
-COLOURS = (PREDICTED, *INPUTS[:4], INPUTS[5])
+COLOURS = (style.PREDICTED, *style.INPUTS[:4], style.INPUTS[5])
 N_BINS = 700
 CLOSE_UP_S = 10.0
 
@@ -39,17 +30,16 @@ def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str)
         raise ValueError(f"nothing to draw: {reason}")
     if len({str(errors["starts"]) for _, errors in drawn}) > 1:
         raise ValueError("the models were started at different frames; evaluate all with the same settings")
-    with paper_style():
-        figure = new_figure(PAGE_IN, 2.8, title=title)
+    with style.paper_style():
+        figure = style.new_figure(style.PAGE_IN, 2.8, title=title)
         axis = figure.subplots()
         for (name, errors), colour in zip(drawn, COLOURS, strict=False):
-            axis.fill_between(
-                errors["time_s"], errors["low"], errors["high"], color=colour, alpha=0.15, linewidth=0
-            )
-            axis.plot(errors["time_s"], errors["median"], color=colour, label=name)
+            time_s, low, high = errors["time_s"], errors["low"], errors["high"]
+            axis.fill_between(time_s, low, high, color=colour, alpha=0.15, linewidth=0)
+            axis.plot(time_s, errors["median"], color=colour, label=name)
         _, any_model = drawn[0]
-        for key, style, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
-            axis.plot(any_model["time_s"], any_model[key], color=QUIET, linestyle=style, label=label)
+        for key, line, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
+            axis.plot(any_model["time_s"], any_model[key], color=style.QUIET, linestyle=line, label=label)
         axis.set(yscale="log", xlabel="time since the start [s]", ylabel="mean squared image error")
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
@@ -62,7 +52,7 @@ def order_by_visibility(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order, share[order]
 
 
-def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ()) -> Figure:
+def draw_latents(chart: Chart, *, title: str) -> Figure:
     """Draw each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
 
     Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the
@@ -73,33 +63,29 @@ def draw_latents(chart: Chart, *, title: str, input_names: tuple[str, ...] = ())
     split_s = float(time_s[min(chart.n_train, len(time_s) - 1)])
     near = np.abs(time_s - split_s) <= 0.5 * CLOSE_UP_S
     rows = chart.d + int(chart.inputs.shape[1] > 0)
-    with paper_style():
-        figure = new_figure(PAGE_IN, 0.55 + 0.62 * rows, title=title)
+    with style.paper_style():
+        figure = style.new_figure(style.PAGE_IN, 0.55 + 0.62 * rows, title=title)
         axes = figure.subplots(rows, 2, sharex="col", squeeze=False, width_ratios=[2.2, 1])
         for row, (index, part) in enumerate(zip(order, share, strict=True)):
             series = chart.latents[:, index]
             whole, close = axes[row]
-            for stretch, colour, name in (
-                (slice(None, chart.n_train), ENCODED, "training"),
-                (slice(chart.n_train, None), PREDICTED, "held out"),
-            ):
-                _draw_range(whole, time_s[stretch], series[stretch], colour, name)
-            for stretch, colour in ((time_s < split_s, ENCODED), (time_s >= split_s, PREDICTED)):
+            n = chart.n_train
+            _draw_range(whole, time_s[:n], series[:n], style.ENCODED, "training")
+            _draw_range(whole, time_s[n:], series[n:], style.PREDICTED, "held out")
+            for stretch, colour in ((time_s < split_s, style.ENCODED), (time_s >= split_s, style.PREDICTED)):
                 close.plot(time_s[near & stretch], series[near & stretch], color=colour)
             whole.set_ylabel(f"$q_{{{index + 1}}}$")
             whole.set_title(f"{100 * part:.1f} % of tr G", loc="right", pad=2)
         if chart.inputs.shape[1]:
-            names = input_names or tuple(f"u{i + 1}" for i in range(chart.inputs.shape[1]))
-            for column, name in enumerate(names):
-                colour = INPUTS[column % len(INPUTS)]
-                _draw_range(axes[-1, 0], time_s, chart.inputs[:, column], colour, name)
-                axes[-1, 1].plot(time_s[near], chart.inputs[near, column], color=colour, label=name)
+            for column, series in enumerate(chart.inputs.T):
+                colour, name = style.INPUTS[column % len(style.INPUTS)], f"u{column + 1}"
+                _draw_range(axes[-1, 0], time_s, series, colour, name)
+                axes[-1, 1].plot(time_s[near], series[near], color=colour, label=name)
             axes[-1, 0].set_ylabel("inputs")
-            axes[-1, 1].legend(
-                ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.95), handlelength=1.0, columnspacing=0.8
-            )
+            corner = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.95)}
+            axes[-1, 1].legend(ncols=4, handlelength=1.0, columnspacing=0.8, **corner)
         for axis in axes.ravel():
-            axis.axvline(split_s, color=MARK, linewidth=0.8, linestyle="--")
+            axis.axvline(split_s, color=style.MARK, linewidth=0.8, linestyle="--")
         axes[0, 0].legend(loc="upper left", ncols=2, handlelength=1.0, bbox_to_anchor=(0.0, 1.35))
         axes[-1, 0].set_xlabel("time (s)")
         axes[-1, 1].set_xlabel("time (s), around the split")
@@ -129,14 +115,13 @@ def draw_curves(
     if missing:
         raise ValueError(f"the curve has no column {missing}; it has {list(curve.columns)}")
     step = curve.columns[0]
-    with paper_style():
-        figure = new_figure(PAGE_IN, 2.4, title=title)
+    with style.paper_style():
+        figure = style.new_figure(style.PAGE_IN, 2.4, title=title)
         axis = figure.subplots()
-        for name, colour in zip(columns, INPUTS, strict=False):
+        for name, colour in zip(columns, style.INPUTS, strict=False):
             values = curve[name].to_numpy(dtype=float)
-            axis.plot(
-                curve[step], np.where(values > 0, values, np.nan), color=colour, label=labels.get(name, name)
-            )
+            positive = np.where(values > 0, values, np.nan)
+            axis.plot(curve[step], positive, color=colour, label=labels.get(name, name))
         axis.set(yscale="log", xlabel=step)
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -14,7 +14,9 @@ from lagsplat.report.common.formatting import (
     format_latex_number,
     join_distinct,
 )
+from lagsplat.report.common.published_values import RECORDING
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
+from lagsplat.report.common.table_rows import build_table
 
 DECODER_TITLES = {"conditioned": "Conditioned on the state (LaGSplat)", "deformed": "Deformation field"}
 DEFORMATION_MEASURES = {
@@ -28,13 +30,8 @@ DEFORMATION_MEASURES = {
     "wall_s": "Training, s",
 }
 DEFORMATION_COLUMNS = (
-    "system",
-    "decoder",
-    *DEFORMATION_MEASURES,
-    "n_gaussians",
-    "steps",
-    "recording",
-    "profile",
+    *("system", "decoder", *DEFORMATION_MEASURES),
+    *("n_gaussians", "steps", "recording", "profile"),
 )
 # Appendix "Deformation-Field Decoder at Equal Budget": 15 000 primitives, on its film of the rocker.
 PAPER_DECODERS: dict[str, dict[str, dict[str, float]]] = {
@@ -56,20 +53,14 @@ def build_deformation_table(
     """
     rows: list[dict[str, Any]] = []
     for run, decoders in zip(runs, results, strict=True):
-        shared = {"system": run["system"], "recording": run["recording"], "profile": run["profile"]}
+        shared = {key: run[key] for key in ("system", "recording", "profile")}
         rows += [{**shared, "decoder": name, **measures} for name, measures in decoders.items()]
+    paper = {"n_gaussians": PAPER_PRIMITIVES, "profile": "the paper's", "recording": RECORDING}
     for system in dict.fromkeys(str(run["system"]) for run in runs):
-        paper = {"n_gaussians": PAPER_PRIMITIVES, "profile": "the paper's"}
-        rows += [
-            {"system": system, "decoder": name, **measures, **paper, "recording": "filmed, the paper's"}
-            for name, measures in PAPER_DECODERS.get(system, {}).items()
-        ]
-    return (
-        pd.DataFrame(rows, dtype=object)
-        .reindex(columns=list(DEFORMATION_COLUMNS))
-        .sort_values("system", kind="stable")
-        .reset_index(drop=True)
-    )
+        decoders = PAPER_DECODERS.get(system, {})
+        rows += [{"system": system, "decoder": name, **own, **paper} for name, own in decoders.items()]
+    table = build_table(rows, DEFORMATION_COLUMNS)
+    return table.sort_values("system", kind="stable").reset_index(drop=True)
 
 
 def format_deformation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
@@ -81,16 +72,13 @@ def format_deformation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) 
         return format_cells(escape_latex(name), *values, escape_latex(str(row["recording"])))
 
     ours = table[table["profile"] != "the paper's"]
+    head = format_cells("Decoder", *map(escape_latex, DEFORMATION_MEASURES.values()), "Recording")
     return format_grouped_table(
         table,
         by="system",
         titles=titles,
         row=format_row,
-        head=[
-            format_cells(
-                "Decoder", *(escape_latex(title) for title in DEFORMATION_MEASURES.values()), "Recording"
-            )
-        ],
+        head=[head],
         alignment="l" + "c" * len(DEFORMATION_MEASURES) + "l",
         caption=(
             f"Two decoders of the same frozen latents with {join_distinct(ours['n_gaussians'])} Gaussians "

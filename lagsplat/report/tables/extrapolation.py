@@ -1,6 +1,6 @@
 """The table of extrapolation: every measure of every model over its seeds, and the same in LaTeX."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from lagsplat.report.common.formatting import (
     rescale,
 )
 from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.table_rows import take_median
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
@@ -37,13 +38,21 @@ EXTRAPOLATION_COLUMNS = (
 
 
 class ExtrapolationMeasure(NamedTuple):
-    """One measure: its name, its title, the factor to its printed unit, and how to read it from a result."""
+    """One measure: its name, its title, its keys in a result, and the factor to its printed unit."""
 
     name: str
     title: str
-    scale: float
-    of: Callable[[Mapping[str, Any]], float | None]
-    sigma: Callable[[Mapping[str, Any]], float | None] | None = None
+    keys: tuple[str, ...]
+    scale: float = 1.0
+
+    def read(self, result: Mapping[str, Any]) -> float | None:
+        """The value in a result of the extrapolation, errors without their sign; None where there is none."""
+        if self.name == "energy_left":
+            return _read_energy_left(result)
+        value: Any = result
+        for key in self.keys:
+            value = value[key]
+        return value if self.keys[0] != "physics" or value is None else abs(value)
 
 
 class ModelResults(NamedTuple):
@@ -56,23 +65,6 @@ class ModelResults(NamedTuple):
     results: list[dict[str, Any]]
 
 
-def _read(*path: str) -> Callable[[Mapping[str, Any]], Any]:
-    def read(result: Mapping[str, Any]) -> Any:
-        for key in path:
-            result = result[key]
-        return result
-
-    return read
-
-
-def _read_size(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
-    def read(result: Mapping[str, Any]) -> float | None:
-        signed = _read(*path)(result)
-        return None if signed is None else abs(signed)
-
-    return read
-
-
 def _read_energy_left(result: Mapping[str, Any]) -> float | None:
     """Mean energy of the last look over that of the first natural period past the training frames."""
     first, last = result["looks"][0]["energy"], result["looks"][-1]["energy"]
@@ -83,54 +75,28 @@ def _read_energy_left(result: Mapping[str, Any]) -> float | None:
 
 
 MEASURES = (
-    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", 1.0, _read("psnr", "mean")),
-    ExtrapolationMeasure("psnr_first", "First predicted frame", 1.0, _read("psnr", "first")),
-    ExtrapolationMeasure("psnr_last", "Last predicted frame", 1.0, _read("psnr", "last")),
-    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", 1.0, _read("aligned", "mean")),
-    ExtrapolationMeasure(
-        "frequency_error",
-        "Frequency error (%)",
-        100.0,
-        _read_size("physics", "frequency_error"),
-        _read("physics", "frequency_error_sigma"),
-    ),
-    ExtrapolationMeasure(
-        "rate_error",
-        "Dissipation error (%)",
-        100.0,
-        _read_size("physics", "rate_error"),
-        _read("physics", "rate_error_sigma"),
-    ),
-    ExtrapolationMeasure(
-        "left_shown", "Amplitude left where the figure ends (%)", 100.0, _read("left_shown")
-    ),
-    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", 100.0, _read("left")),
-    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", 100.0, _read_energy_left),
-    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", 100.0, _read("range", "inside")),
+    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", ("psnr", "mean")),
+    ExtrapolationMeasure("psnr_first", "First predicted frame", ("psnr", "first")),
+    ExtrapolationMeasure("psnr_last", "Last predicted frame", ("psnr", "last")),
+    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", ("aligned", "mean")),
+    ExtrapolationMeasure("frequency_error", "Frequency error (%)", ("physics", "frequency_error"), 100.0),
+    ExtrapolationMeasure("rate_error", "Dissipation error (%)", ("physics", "rate_error"), 100.0),
+    ExtrapolationMeasure("left_shown", "Amplitude left where the figure ends (%)", ("left_shown",), 100.0),
+    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", ("left",), 100.0),
+    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", ("looks",), 100.0),
+    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", ("range", "inside"), 100.0),
 )
-FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", 1.0, _read("floor", "mean"))
+FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", ("floor", "mean"))
 
 # Table "Extrapolation past the training window"; the amplitudes where the figure ends from the text.
-PAPER_EXTRAPOLATION: dict[str, dict[str, dict[str, float]]] = {
+PAPER_MEASURES = (
+    *("psnr_mean", "psnr_first", "psnr_last"),
+    *("frequency_error", "rate_error", "left_shown", "left", "floor"),
+)
+PAPER_EXTRAPOLATION: dict[str, dict[str, tuple[float | None, ...]]] = {
     "rainbow_rocker": {
-        "LaGSplat": {
-            "psnr_mean": 25.88,
-            "psnr_first": 27.28,
-            "psnr_last": 23.53,
-            "frequency_error": 0.012,
-            "rate_error": 0.29,
-            "left": 0.0,
-            "floor": 31.79,
-        },
-        "GaussianPrediction": {
-            "psnr_mean": 27.86,
-            "psnr_first": 31.61,
-            "psnr_last": 23.63,
-            "frequency_error": 0.009,
-            "rate_error": 0.60,
-            "left_shown": 0.55,
-            "left": 0.53,
-        },
+        "LaGSplat": (25.88, 27.28, 23.53, 0.012, 0.29, None, 0.0, 31.79),
+        "GaussianPrediction": (27.86, 31.61, 23.63, 0.009, 0.60, 0.55, 0.53, None),
     }
 }
 
@@ -177,20 +143,19 @@ def build_extrapolation_table(models: Sequence[ModelResults]) -> pd.DataFrame:
 
 
 def _build_row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, Any]:
-    values = [measure.of(result) for result in model.results]
+    values = [measure.read(result) for result in model.results]
     known = [value for value in values if value is not None and np.isfinite(value)]
     several = len(set(known)) > 1
-    sigmas = [s for result in model.results if measure.sigma and (s := measure.sigma(result)) is not None]
     return {
         "system": model.system,
         "model": model.model,
         "measure": measure.name,
-        "value": float(np.median(known)) if known else None,
+        "value": take_median(known),
         "low": min(known) if several else None,
         "high": max(known) if several else None,
         "n_seeds": len(values),
         "n_measured": len(known),
-        "sigma": float(np.median(sigmas)) if sigmas else None,
+        "sigma": take_median(result["physics"].get(f"{measure.name}_sigma") for result in model.results),
         "note": "" if len(known) == len(values) else _list_reasons(model.results, measure),
         "recording": model.recording,
         "profile": model.profile,
@@ -201,7 +166,7 @@ def _list_reasons(results: Sequence[Mapping[str, Any]], measure: ExtrapolationMe
     reasons = {
         "the rollout diverged" if result["diverged"] else str(result["reason"] or result["physics"]["reason"])
         for result in results
-        if measure.of(result) is None
+        if measure.read(result) is None
     }
     return "; ".join(sorted(reason for reason in reasons if reason))
 
@@ -211,7 +176,8 @@ def _list_paper_rows(system: str) -> list[dict[str, Any]]:
     return [
         {"system": system, "model": PAPER_TITLES[name], "measure": measure, "value": value} | paper
         for name, values in PAPER_EXTRAPOLATION.get(system, {}).items()
-        for measure, value in values.items()
+        for measure, value in zip(PAPER_MEASURES, values, strict=True)
+        if value is not None
     ]
 
 
@@ -251,21 +217,18 @@ def format_extrapolation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]
 
 
 def _format_cell(block: pd.DataFrame, measure: ExtrapolationMeasure, model: str, notes: list[str]) -> str:
+    """A value with its range; why seeds are missing is added to ``notes`` once, and marked in the cell."""
     rows = block[(block["model"] == model) & (block["measure"] == measure.name)].to_dict("records")
     if not rows:
         return r"--$^{1}$" if model == AUTHORS and notes else "--"
-    values = (rescale(rows[0].get(key), measure.scale) for key in ("value", "low", "high"))
-    return format_latex_number(*values) + _add_footnote(rows[0], notes)
-
-
-def _add_footnote(row: Mapping[Any, Any], notes: list[str]) -> str:
-    """The mark at a cell; what it stands for is added to ``notes`` once."""
+    row = rows[0]
+    cell = format_latex_number(*(rescale(row.get(key), measure.scale) for key in ("value", "low", "high")))
     if row["n_measured"] == row["n_seeds"]:
-        return ""
+        return cell
     note = f"In {row['n_measured']} of {row['n_seeds']} seeds: {row['note']}."
     if note not in notes:
         notes.append(note)
-    return rf"$^{{{notes.index(note) + 1}}}$"
+    return cell + rf"$^{{{notes.index(note) + 1}}}$"
 
 
 def _write_caption(table: pd.DataFrame, notes: list[str]) -> str:

@@ -7,7 +7,6 @@ image, which need no truth, beside the paper's own values.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from lagsplat.report.common.formatting import (
@@ -19,7 +18,7 @@ from lagsplat.report.common.formatting import (
     rescale,
 )
 from lagsplat.report.common.published_values import RECORDING
-from lagsplat.report.common.table_rows import group_runs
+from lagsplat.report.common.table_rows import build_table, format_score, group_runs, take_median
 
 ACCURACY_ERRORS = (
     *("direction_deg", "shape", "amplitude"),
@@ -29,11 +28,22 @@ ACCURACY_COLUMNS = (
     *("system", "what", "n", *(f"{name}{end}" for name in ACCURACY_ERRORS for end in ("", "_p90"))),
     *("error", "span", "scale_low", "scale_high", "refused", "recording", "profile", "n_seeds"),
 )
-INVARIANTS = (
-    *("lever_rank", "lever_sign", "left", "right", "background", "typical", "ratio", "force_sum"),
-    *("answer_sum", "small_answer_sum", "chart_state", "chart_picture", "across"),
-)
-INVARIANT_COLUMNS = ("system", "method", *INVARIANTS, "recording", "profile", "n_seeds")
+INVARIANTS = {
+    "lever_rank": ("lever", "rank"),
+    "lever_sign": ("lever", "sign"),
+    "left": ("lever", "left"),
+    "right": ("lever", "right"),
+    "background": ("background", "largest"),
+    "typical": ("background", "typical"),
+    "ratio": ("background", "ratio"),
+    "force_sum": ("superposition", "force"),
+    "answer_sum": ("superposition", "answer"),
+    "small_answer_sum": ("superposition", "small_answer"),
+    "chart_state": ("chart", "state"),
+    "chart_picture": ("chart", "picture"),
+}
+"""Column, and block and key of `lagsplat.evaluate.forces.invariants.force_invariants`."""
+INVARIANT_COLUMNS = ("system", "method", *INVARIANTS, "across", "recording", "profile", "n_seeds")
 PAPER_SYSTEM = "rainbow_rocker"
 # The same downward force at three slats: -0.50, -0.76, -0.84; on the other side +1.22. Sums: one force from
 # the other two by linearity. Across: in three dimensions, and absolute.
@@ -53,18 +63,21 @@ def build_force_rows(
     """
     rows: list[dict[str, Any]] = []
     for group, variants in group_runs(runs, metrics).items():
-        context = {"system": group.system, "recording": group.recording, "profile": group.profile}
         for members in variants.values():
             seeds = [_read_truth(run["truth"]) for run in members if run["truth"] is not None]
             for what in dict.fromkeys(name for seed in seeds for name in seed):
                 same = [seed[what] for seed in seeds if what in seed]
-                rows.append({**context, "what": what, "n_seeds": len(same), **_take_medians(same)})
+                row: dict[str, Any] = {"system": group.system, "what": what, "n_seeds": len(same)}
+                for name in dict.fromkeys(key for values in same for key in values):
+                    measured = [values[name] for values in same if values.get(name) is not None]
+                    row[name] = measured[0] if name == "refused" else take_median(measured)
+                rows.append(row | group.place)
     return rows
 
 
 def build_force_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Build the table of the rows of `build_force_rows`, with the columns `ACCURACY_COLUMNS`."""
-    return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(ACCURACY_COLUMNS))
+    return build_table(rows, ACCURACY_COLUMNS)
 
 
 def format_force_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
@@ -113,7 +126,7 @@ def _format_accuracy_row(row: Mapping[Any, Any]) -> str:
     what += "" if pd.isna(row["span"]) else f": {format_latex_number(row['span'])}"
     n = "--" if pd.isna(row["n"]) else f"{row['n']:.0f}"
     errors = (format_error(name) for name in ACCURACY_ERRORS)
-    return format_cells(what, n, *errors, format_latex_number(rescale(row["error"], 100.0)))
+    return format_cells(what, n, *errors, format_score(row, "error", scale=100.0))
 
 
 def _read_truth(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -128,29 +141,13 @@ def _read_truth(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             continue
         low, _, high = block["scale_of_others"]
         rows[what] = {**block["inside"], "scale_low": low, "scale_high": high}
-    for level in truth["levels"]:
-        if level["n"]:
-            errors = {name: value for name, value in level.items() if name not in ("level", "distance")}
-            rows[f"level {level['level']:.2g}"] = errors
-    in_time = truth["in_time"]
-    measures = ("n", "error", "shape", "shape_p90")
-    rows[f"in time, {in_time['length_s']:.2g} s"] = {name: in_time[name] for name in measures}
+    rows |= {f"level {level['level']:.2g}": level for level in truth["levels"] if level["n"]}
+    rows[f"in time, {truth['in_time']['length_s']:.2g} s"] = truth["in_time"]
     if spans := truth["energy_spans"]:
         rows |= {f"span of energies, {name}": {"span": value} for name, value in spans.items()}
     for name, shape in (truth["at_once"] or {}).items():
         rows[f"first motion, {name} mass"] = {"shape": shape}
     return rows
-
-
-def _take_medians(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    medians: dict[str, Any] = {}
-    for name in dict.fromkeys(key for row in rows for key in row):
-        values = [row[name] for row in rows if row.get(name) is not None]
-        if name == "refused":
-            medians[name] = values[0]
-        else:
-            medians[name] = float(np.median(values)) if values else None
-    return medians
 
 
 def build_invariant_rows(
@@ -167,12 +164,11 @@ def build_invariant_rows(
     rows: list[dict[str, Any]] = []
     for group, variants in group_runs(runs, metrics).items():
         for members in variants.values():
-            seeds = [_read_invariants(run["invariants"]) for run in members]
+            seeds = [run["invariants"] for run in members]
             row: dict[str, Any] = {"system": group.system, "method": "ours", "n_seeds": len(members)}
-            for name in INVARIANTS:
-                known = [value for values in seeds if (value := values[name]) is not None]
-                row[name] = float(np.median(known)) if known else None
-            rows.append(row | {"recording": group.recording, "profile": group.profile})
+            for name, (block, key) in INVARIANTS.items():
+                row[name] = take_median((seed[block] or {}).get(key) for seed in seeds)
+            rows.append(row | {"across": take_median(seed["across"] for seed in seeds), **group.place})
         if group.system == PAPER_SYSTEM:
             paper = {"system": group.system, "method": "paper", "recording": RECORDING}
             rows.append(paper | {"profile": "the paper's"} | PAPER_INVARIANTS)
@@ -184,7 +180,7 @@ def build_invariant_rows(
 
 def build_invariant_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """Build the table of the rows of `build_invariant_rows`, with the columns `INVARIANT_COLUMNS`."""
-    return pd.DataFrame(list(rows), dtype=object).reindex(columns=list(INVARIANT_COLUMNS))
+    return build_table(rows, INVARIANT_COLUMNS)
 
 
 def format_invariant_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
@@ -225,10 +221,10 @@ def _format_invariant_row(row: Mapping[Any, Any]) -> str:
     small = ("force_sum", "small_answer_sum", "chart_picture", "across")
     return format_cells(
         escape_latex(f"{row['method']} ({row['recording']})"),
-        format_latex_number(row["lever_rank"]),
-        format_latex_number(rescale(row["lever_sign"], 100.0)),
+        format_score(row, "lever_rank"),
+        format_score(row, "lever_sign", scale=100.0),
         "--" if "--" in ends else ", ".join(ends),
-        format_latex_number(row["ratio"]),
+        format_score(row, "ratio"),
         *(format_order_of_magnitude(row[name]) for name in small),
     )
 
@@ -241,22 +237,3 @@ def format_order_of_magnitude(value: float | None) -> str:
         return "$0$"
     digits, order = f"{value:.0e}".split("e")
     return rf"${digits}\cdot 10^{{{int(order)}}}$"
-
-
-def _read_invariants(invariants: Mapping[str, Any]) -> dict[str, float | None]:
-    lever, background, sums = invariants["lever"] or {}, invariants["background"], invariants["superposition"]
-    return {
-        "lever_rank": lever.get("rank"),
-        "lever_sign": lever.get("sign"),
-        "left": lever.get("left"),
-        "right": lever.get("right"),
-        "background": background["largest"],
-        "typical": background["typical"],
-        "ratio": background["ratio"],
-        "force_sum": sums["force"],
-        "answer_sum": sums["answer"],
-        "small_answer_sum": sums["small_answer"],
-        "chart_state": invariants["chart"]["state"],
-        "chart_picture": invariants["chart"]["picture"],
-        "across": invariants["across"],
-    }

@@ -6,13 +6,8 @@ from typing import Any
 import pandas as pd
 
 from lagsplat.diagnose.effects.registry import short_title
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_cells,
-    format_latex_number,
-    format_latex_table,
-    join_distinct,
-)
+from lagsplat.report.common.formatting import escape_latex, format_cells, format_latex_table, join_distinct
+from lagsplat.report.common.table_rows import format_score
 
 HELD_OUT = "held_out"
 GAP_COLUMNS = (
@@ -21,7 +16,7 @@ GAP_COLUMNS = (
     *("image_before", "image_after", "image_floor", "horizon_s", "conditional_on_perception"),
     *("recording", "profile"),
 )
-GAP_MEASURES = ("before", "after", "floor")
+GAP_MEASURES = ("before", "after", "floor", "closure")
 VERDICT_TITLES = {"effect": "", "none": "none", "unknown": "unknown", "undetermined": "undetermined"}
 
 
@@ -77,45 +72,37 @@ def _format_row(row: Mapping[str, Any]) -> list[str]:
     """All cells but the first."""
     against = "held-out part" if row["planted"] is None else f"with {_name_effect(row['planted'])}"
     effects = "; ".join(_name_effect(name) for name in row["found"].split("+")) if row["found"] else ""
-    gaps = [_percent(row[key]) for key in GAP_MEASURES]
-    closure = [_percent(row[key]) for key in ("closure", "closure_low", "closure_high")]
     diverged = f"{row['diverged_before']}, {row['diverged_after']} of {row['blocks']}"
     return [
         escape_latex(against),
         escape_latex(effects or VERDICT_TITLES[row["verdict"]]),
         "--" if row["probability"] is None else f"${row['probability']:.2f}$",
-        *(format_latex_number(value) for value in gaps),
-        format_latex_number(*closure),
+        *(format_score(row, name, scale=100.0) for name in GAP_MEASURES),
         diverged if row["blocks"] else "--",
         escape_latex(row["recording"]),
     ]
 
 
 def _build_row(run: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    gap, checks = diagnosis["gap"], diagnosis.get("checks") or {}
-    image = checks.get("image") or {}
-    names = "+".join(diagnosis["combination"])
-    effects = {candidate["name"]: candidate for candidate in diagnosis["effects"]}
-    name = diagnosis["combination"][0] if names else diagnosis["verdict"]
-    effect = effects.get(name)
+    gap, checks = diagnosis["gap"] or {}, diagnosis.get("checks") or {}
     # Of an effect its own interval; of no effect that of the refit alone.
-    closure = (gap.get("closure") or {}) if gap else {}
-    diverged = (gap.get("diverged") or {}) if gap else {}
+    closure, diverged = gap.get("closure") or {}, gap.get("diverged") or {}
+    image = checks.get("image") or {}
+    probabilities = {candidate["name"]: candidate["probability"] for candidate in diagnosis["effects"]}
+    main = [*diagnosis["combination"], diagnosis["verdict"]][0]
     held_out = run["real"] == HELD_OUT
     return {
         "system": run["system"],
         "against": "held-out part" if held_out else "second recording",
         "planted": None if held_out else run["real"],
         "verdict": diagnosis["verdict"],
-        "found": names,
-        "probability": None if effect is None else effect["probability"],
+        "found": "+".join(diagnosis["combination"]),
+        "probability": probabilities.get(main),
         "level": (diagnosis["where"] or {}).get("level"),
-        **{key: gap[key] if gap else None for key in ("before", "after", "floor", "horizon_s")},
-        "refit": gap.get("refit") if gap else None,
+        **{key: gap.get(key) for key in ("before", "after", "floor", "horizon_s", "refit", "blocks")},
         "closure": closure.get("value"),
         "closure_low": closure.get("low"),
         "closure_high": closure.get("high"),
-        "blocks": gap.get("blocks") if gap else None,
         **{f"diverged_{key}": diverged.get(key) for key in ("before", "after")},
         **{f"image_{key}": image.get(key) for key in ("before", "after", "floor")},
         "conditional_on_perception": checks.get("conditional_on_perception"),
@@ -126,7 +113,3 @@ def _build_row(run: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str
 
 def _name_effect(name: str) -> str:
     return "nothing planted" if name == "none" else short_title(name)
-
-
-def _percent(value: float | None) -> float | None:
-    return None if value is None else 100.0 * value

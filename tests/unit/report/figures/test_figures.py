@@ -91,7 +91,7 @@ def test_rollout(view, tmp_path):
         f"latent NRMSE {view.nrmse:.3f} over 3.0 s",
         "natural periods of 0.50 s",
         "px (of 16×16)",
-        f"{view.inset.ratio:.1f} × the local\nreconstruction error",
+        f"{view.images.inset.ratio:.1f} × the local\nreconstruction error",
     ):
         assert part in words
 
@@ -99,7 +99,7 @@ def test_rollout(view, tmp_path):
 def test_rollout_is_long_unanchored_and_starts_from_the_encoding(view):
     assert view.time_s[-1] == pytest.approx(3.0)
     assert np.allclose(view.predicted[0], view.encoded[0])
-    assert view.at_encoded.shape == (256, 256, 3)
+    assert view.images.at_encoded.shape == (256, 256, 3)
     assert view.lost_s is None
 
 
@@ -143,8 +143,8 @@ def test_a_finer_decoder_draws_its_own_recording(parts):
     larger = replace(film, frames=film.frames.repeat(2, axis=1).repeat(2, axis=2))
     finer = FineDecoder(tiny_run.autoencoder(side=32), larger)
     view = compute_long_rollout(*parts, settings(figure={"duration_s": 0.5}), fine=finer)
-    assert view.recorded.shape == (32, 32, 3)
-    assert view.scale == 16.0
+    assert view.images.recorded.shape == (32, 32, 3)
+    assert view.images.scale == 16.0
     short = FineDecoder(finer.decoder, larger.part(0, 500))
     with pytest.raises(ValueError, match="500 frames and the recording 600"):
         compute_long_rollout(*parts, settings(figure={"duration_s": 0.5}), fine=short)
@@ -168,7 +168,7 @@ def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
     assert len(view.time_s) == 298
     assert view.lost_s is not None
     assert np.isnan(view.predicted[-1]).all()
-    assert np.isfinite(view.at_predicted).all()
+    assert np.isfinite(view.images.at_predicted).all()
     figure = draw_rollout(view, title=TITLE)
     save(figure, tmp_path)
     assert f"diverged at {view.lost_s:.1f} s" in texts(figure)
