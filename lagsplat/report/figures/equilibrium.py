@@ -78,9 +78,9 @@ def _draw_trajectory(
         top = (0.5 * frames * dt_s, middle + 0.93 * ends)
         axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
         last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
+        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
         look = {"ha": "right", "va": "bottom", "color": style.MARK}
-        look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
-        style.annotate(axis, "minimum of V", (last, middle), (0, 1), **look)
+        style.annotate(axis, "minimum of V", (last, middle), (0, 1), bbox=paper, **look)
 
 
 def _draw_phase_plane(
@@ -189,9 +189,10 @@ def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:
         values, vectors = np.linalg.eigh(shapes)
         axes = 2.0 * scale / np.sqrt(values)
         angles = np.degrees(np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]))
-        look = {"facecolors": to_rgba(colour, fill), "edgecolors": "none" if fill else colour}
-        place = {"units": "xy", "offsets": states[chosen], "offset_transform": axis.transData}
-        axis.add_collection(EllipseCollection(*axes.T, angles, linewidths=0.7, **place, **look))
+        place = {"offsets": states[chosen], "offset_transform": axis.transData}
+        ellipses = EllipseCollection(axes[:, 0], axes[:, 1], angles, units="xy", **place)
+        ellipses.set(facecolor=to_rgba(colour, fill), edgecolor="none" if fill else colour, linewidth=0.7)
+        axis.add_collection(ellipses)
     axis.margins(0.18)
     axis.set_aspect("equal", adjustable="box")
 

@@ -159,19 +159,6 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
     return ForcePanels(tuple(panels), outline, scene.motion.shape)
 
 
-def _make_panel(
-    held: OperatingPoint,
-    name: str,
-    pushes: list[ImagePush],
-    q: torch.Tensor,
-    image: Float[np.ndarray, "h w 3"],
-) -> ForcePanel:
-    feet = np.stack([push.grip.place(q).numpy() for push in pushes])
-    sizes = np.stack([push.size * push.direction for push in pushes])
-    moved = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
-    return ForcePanel(name, q.numpy(), (q - held.rest).numpy(), moved, np.stack([feet, sizes], 1), image)
-
-
 def _push_rolling(held: OperatingPoint, scene: MovingParts, response: float, radius: float) -> NamedPushes:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
     grips = [_grasp(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
