@@ -19,18 +19,36 @@ def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarr
     """
     table = read_table(Path(path))
     names = {letter: count_names(table, letter) for letter in "uf"}
-    foreign = [name for name in table.columns if name not in ("t", *names["u"], *names["f"])]
-    if "t" not in table.columns or foreign:
+    foreign = [name for name in table.columns if name not in (TIME, *names["u"], *names["f"])]
+    if TIME not in table.columns or foreign:
         raise ValueError(
             f"{path}: columns {list(table.columns)}; give t [s], inputs u0, u1, ... and, where something "
             "pushes, accelerations f0, f1, ... by it, and no others"
         )
-    time_s, u, f = _block(table, ("t",))[:, 0], _block(table, names["u"]), _block(table, names["f"])
-    wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
-    if len(time_s) < 2 or wrong.size:
-        where = table.place(int(wrong[0]) + 1) if wrong.size else table.source
-        raise ValueError(f"{where}: give at least two rows, with times t that increase")
-    return time_s, u, f
+    time_s = _finite_block(table, (TIME,))[:, 0]
+    _require_increasing(table, time_s, np.arange(len(time_s)))
+    return time_s, _finite_block(table, names["u"]), _finite_block(table, names["f"])
+
+
+def read_input_log(
+    path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
+
+    ``columns`` are as in `read_trajectory`. Rows with a missing number are dropped with a warning.
+
+    Raises:
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: a column is missing or not numeric, or times do not increase.
+    """
+    table = name_columns(read_table(Path(path)), columns or {}, needed=(TIME, "u0"))
+    values = table.block((TIME, *count_names(table, "u")))
+    whole = np.flatnonzero(np.isfinite(values).all(axis=1))
+    _require_increasing(table, values[whole, 0], whole)
+    if len(whole) < len(values):
+        lacking = len(values) - len(whole)
+        warnings.warn(f"{table.source}: {lacking} rows lack a number, left out", stacklevel=2)
+    return values[whole, 0], values[whole, 1:]
 
 
 def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +64,8 @@ def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
         numbers = [float(word) for word in text.strip("[]()").split(",")]
     except ValueError:
         table = read_table(Path(text))
-        numbers = _block(table, (*count_names(table, "q"), *count_names(table, "v")))[0].tolist()
+        names = (*count_names(table, "q"), *count_names(table, "v"))
+        numbers = _finite_block(table, names)[0].tolist()
     if len(numbers) not in (d, 2 * d) or not np.isfinite(numbers).all():
         wanted = f"the sim has {d} coordinate(s); give {d}, or {2 * d} with the rates"
         raise ValueError(f"initial={text}: {len(numbers)} number(s) {numbers}; {wanted}")
@@ -54,9 +73,8 @@ def read_initial_state(text: str, d: int) -> tuple[np.ndarray, np.ndarray]:
     return state[:d], state[d:]
 
 
-def _block(table: Table, names: tuple[str, ...]) -> np.ndarray:
-    columns = [table.numbers(name) for name in names]
-    block = np.stack(columns, axis=1) if columns else np.zeros((len(table.lines), 0))
+def _finite_block(table: Table, names: tuple[str, ...]) -> np.ndarray:
+    block = table.block(names)
     bad = np.argwhere(~np.isfinite(block))
     if bad.size:
         row, column = bad[0]
@@ -64,29 +82,13 @@ def _block(table: Table, names: tuple[str, ...]) -> np.ndarray:
     return block
 
 
-def read_input_log(
-    path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
-
-    Rows with a missing number are dropped with a warning.
-    """
-    path = Path(path)
-    table = name_columns(read_table(path), columns or {}, needed=(TIME, "u0"))
-    names = (TIME, *count_names(table, "u"))
-    values = np.stack([table.numbers(name) for name in names], axis=1)
-    whole = np.flatnonzero(np.isfinite(values).all(axis=1))
-    source, lacking = table.source, len(values) - len(whole)
-    if len(whole) < 2:
-        raise ValueError(f"{source}: {len(whole)} row(s) with a number in every column; give two or more")
-    if lacking:
-        warnings.warn(f"{source}: {lacking} rows lack a number, left out", stacklevel=2)
-    time_s = values[whole, 0]
+def _require_increasing(table: Table, time_s: np.ndarray, rows: np.ndarray) -> None:
+    """Check the times [s] in these ``rows`` of the table: two or more, and increasing."""
+    if len(rows) < 2:
+        found = f"{len(rows)} row(s) with a number in every column"
+        raise ValueError(f"{table.source}: {found}; give two or more")
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if wrong.size:
         before, after = wrong[0], wrong[0] + 1
         order = f"{time_s[after]:.9g} s after {time_s[before]:.9g} s"
-        raise ValueError(
-            f"{table.place(int(whole[after]))}: t does not increase, {order}; drop repeated rows"
-        )
-    return time_s, values[whole, 1:]
+        raise ValueError(f"{table.place(int(rows[after]))}: t does not increase, {order}; drop repeated rows")

@@ -50,9 +50,8 @@ class Table:
         column = self.columns[name]
         if column.dtype.kind in "fiub":
             return column.astype(np.float64)
-        numbers = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(
-            dtype=np.float64, na_value=np.nan
-        )
+        series = pd.to_numeric(pd.Series(column), errors="coerce")
+        numbers = series.to_numpy(dtype=np.float64, na_value=np.nan)
         wrong = np.flatnonzero(np.isnan(numbers) & ~pd.isna(column))
         if wrong.size:
             raise ValueError(
@@ -60,6 +59,13 @@ class Table:
                 f"number ({wrong.size} such cells); write a decimal point, and leave a missing number empty"
             )
         return numbers
+
+    def block(self, names: Sequence[str]) -> np.ndarray:
+        """The `numbers` of these columns, (T, len(names))."""
+        block = np.empty((len(self.lines), len(names)))
+        for i, name in enumerate(names):
+            block[:, i] = self.numbers(name)
+        return block
 
 
 def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
@@ -185,10 +191,8 @@ def _from_text(path: Path) -> Table:
         above = [line.lstrip("# ") for number, line in every if number < lines[0][0] and line.startswith("#")]
         names = _cells(above[-1], separator) if above else []
         if len(names) != len(header):
-            raise ValueError(
-                f"{path}, line {lines[0][0]}: numbers where the names of the columns should stand "
-                f"({header}); put a line such as t,q0,u0 above them"
-            )
+            problem = f"numbers where the names of the columns should stand ({header})"
+            raise ValueError(f"{path}, line {lines[0][0]}: {problem}; put t,q0,u0 or such above them")
         header, lines = names, [(0, ""), *lines]
     header = [name or f"(column {i})" for i, name in enumerate(header)]
     _refuse_twins(path, header)

@@ -168,7 +168,7 @@ def read_trajectory_file(
     table = name_columns(read_table(path), columns or {})
     names = {letter: count_names(table, letter) for letter in "qvu"}
     used = [name for name in (TIME, SEGMENT, *names["q"], *names["v"], *names["u"]) if name in table.columns]
-    values = np.stack([table.numbers(name) for name in used], axis=1)
+    values = table.block(used)
     whole = np.isfinite(values).all(axis=1)
     if not whole.any():
         empty = [name for i, name in enumerate(used) if not np.isfinite(values[:, i]).any()]
