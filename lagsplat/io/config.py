@@ -19,18 +19,13 @@ FIELD_PATH = re.compile(r"[^.\[\]]+(\[[^\[\]]+\])*(\.[^.\[\]]+(\[[^\[\]]+\])*)*"
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
 class ArchiveConfig:
-    """A public zip archive and the members to extract.
-
-    ``folder`` keeps the archive and its extracted members; ``~`` is the home folder. ``archive_sha256`` may
-    be null if the publisher gives none: the members are always checked. ``member_sha256`` maps each member's
-    path inside the archive to its SHA-256.
-    """
+    """A public zip archive and the members to extract."""
 
     url: str
-    folder: str
+    folder: str  # keeps the archive and its extracted members; ~ is the home folder
     licence: str
-    archive_sha256: str | None
-    member_sha256: dict[str, str]
+    archive_sha256: str | None  # null if the publisher gives none: the members are always checked
+    member_sha256: dict[str, str]  # SHA-256 of each member by its path inside the archive
 
     def __post_init__(self) -> None:
         is_address = self.url.startswith(("http://", "https://"))
@@ -43,15 +38,11 @@ class ArchiveConfig:
 
 @dataclass  # not frozen, for the same reason
 class SplitConfig:
-    """What is held out of every fit: exactly one of three is set, the others are null.
+    """What is held out of every fit: exactly one of three is set, the others are null."""
 
-    ``train_fraction`` trains on the leading share of all frames, ``held_out_frames`` on all but the last
-    frames, ``held_out_clips`` on all but the last clips.
-    """
-
-    train_fraction: float | None
-    held_out_frames: int | None
-    held_out_clips: int | None
+    train_fraction: float | None  # train on this leading share of all frames
+    held_out_frames: int | None  # train on all but the last so many frames
+    held_out_clips: int | None  # train on all but the last so many clips
 
     def __post_init__(self) -> None:
         given = {name: value for name, value in vars(self).items() if value is not None}
@@ -66,15 +57,11 @@ class SplitConfig:
 
 @dataclass  # not frozen, for the same reason
 class McapInputConfig:
-    """One number of a log that drives the mechanism.
-
-    ``field`` is its path inside a message of ``topic``: ``wrench.force.x``, ``data[2]``, or by joint name,
-    ``position[elbow]``. ``name`` and ``unit`` are those of the recording's input.
-    """
+    """One number of a log that drives the mechanism."""
 
     topic: str
-    field: str
-    name: str
+    field: str  # path inside a message: wrench.force.x, data[2], or by joint name position[elbow]
+    name: str  # of the recording's input
     unit: str
 
     def __post_init__(self) -> None:
@@ -88,15 +75,13 @@ class McapInputConfig:
 class McapConfig:
     """How to read a recording from an MCAP file.
 
-    ``camera`` is the topic of the images, null if the recording is no MCAP file. ``inputs`` are interpolated
-    linearly to the frames. ``clock`` is ``header`` (the stamps in the messages) or ``log`` (the time of
-    writing). A gap longer than ``max_gap_s`` [s] in the camera or an input is never bridged: frames inside
-    it are dropped and the recording is cut into clips there.
+    A gap longer than ``max_gap_s`` [s] in the camera or an input is never bridged: frames inside it are
+    dropped and the recording is cut into clips there.
     """
 
-    camera: str | None
-    inputs: list[McapInputConfig]
-    clock: str
+    camera: str | None  # topic of the images, null if the recording is no MCAP file
+    inputs: list[McapInputConfig]  # interpolated linearly to the frames
+    clock: str  # header (the stamps in the messages) or log (the time of writing)
     max_gap_s: float
 
     def __post_init__(self) -> None:
@@ -110,38 +95,25 @@ class McapConfig:
 
 @dataclass  # not frozen, for the same reason
 class RecordingConfig:
-    """One recording: the kind of source, its file, and the part to keep.
-
-    ``path`` is a file, or for videos also a folder: each video in it is a clip, or all images together are
-    one. ``dt_s`` is the frame spacing of files without timestamps (Krauss NPZ, images); null for a video,
-    which has its own. ``member`` names the archive's member used when ``path`` is null. ``n_inputs`` is the
-    number of pressure channels. ``rotate`` turns a video clockwise [degree], on top of the file's own
-    rotation. ``stabilise`` shifts its images back onto the first by the motion of the background. ``grey``
-    drops its colours. ``crop`` is (x, y, width, height) in pixels of the rotated video, null for the whole
-    image. ``skip_s`` and ``end_s`` cut the video [s from its first frame]; a null ``end_s`` keeps everything
-    to the end. ``spans_s`` keeps only these [start, stop] [s from the first frame kept], each as a clip.
-    ``height`` and ``width`` are the size after resizing [pixel], both null to keep the cropped size.
-    ``split`` says what is held out. ``mcap`` gives the topics of an MCAP file; its inputs replace
-    ``n_inputs``.
-    """
+    """One recording: the kind of source, its file, and the part to keep."""
 
     kind: str
-    path: str | None
+    path: str | None  # a file, for videos also a folder: each video in it is a clip, or all images are one
     archive: ArchiveConfig | None
-    member: str | None
-    dt_s: float | None
-    n_inputs: int
-    rotate: int
-    stabilise: bool
-    grey: bool
-    crop: list[int] | None
-    skip_s: float
-    end_s: float | None
-    spans_s: list[list[float]] | None
-    height: int | None
+    member: str | None  # of the archive, used when path is null
+    dt_s: float | None  # spacing of frames without times (Krauss NPZ, images); null for a video
+    n_inputs: int  # number of pressure channels
+    rotate: int  # clockwise [degree], on top of the file's own rotation
+    stabilise: bool  # shift images back onto the first by the motion of the background
+    grey: bool  # drop the colours
+    crop: list[int] | None  # (x, y, width, height) [pixel of the rotated video]; null for the whole image
+    skip_s: float  # start [s from the first frame]
+    end_s: float | None  # end, exclusive [s from the first frame]; null keeps everything to the end
+    spans_s: list[list[float]] | None  # keep only these [start, stop] [s from the first frame kept] as clips
+    height: int | None  # after resizing [pixel]; null to keep the cropped size
     width: int | None
     split: SplitConfig
-    mcap: McapConfig | None
+    mcap: McapConfig | None  # topics of an MCAP file; its inputs replace n_inputs
 
     def __post_init__(self) -> None:
         self._check_kind()

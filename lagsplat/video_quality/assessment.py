@@ -35,14 +35,11 @@ CUT_SHARE = 0.25  # ...which is a cut if it changes more of the still pixels tha
 
 @dataclass(frozen=True)
 class ForeignObject:
-    """An object that is in view until ``gone_s`` (None: not at the start) and again from ``back_s`` on.
+    """An object in view at the start or the end of a video."""
 
-    It covers at most ``share`` of the pixels that are otherwise still.
-    """
-
-    gone_s: float | None
-    back_s: float | None
-    share: float
+    gone_s: float | None  # when it leaves; None: not in view at the start
+    back_s: float | None  # when it comes; None: not in view at the end
+    share: float  # of the otherwise still pixels that it covers at most
 
 
 @dataclass(frozen=True)

@@ -24,16 +24,12 @@ SPREAD = 0.2  # its bounding box covers at least this share of the image
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """Displacement of the image since the first frame [pixel of the video].
+    """Displacement of the image since the first frame [pixel of the video]."""
 
-    ``rms_px`` is the spread of the path about its mean, ``max_px`` its largest displacement. ``drift_px``
-    the largest of its running mean over a tenth of the video, ``jitter_px`` the remaining rms.
-    """
-
-    rms_px: float
-    max_px: float
-    drift_px: float
-    jitter_px: float
+    rms_px: float  # spread of the path about its mean
+    max_px: float  # largest displacement
+    drift_px: float  # largest displacement of the running mean over a tenth of the video
+    jitter_px: float  # rms of the rest
 
 
 def track_background(pictures: Iterable[UInt8[np.ndarray, "h w"]]) -> Float64[np.ndarray, "T 2"] | None:

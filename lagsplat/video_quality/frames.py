@@ -13,25 +13,16 @@ HALVED_FROM = 4.0  # pixels of the image per pixel of the frame, above which hal
 
 @dataclass(frozen=True)
 class FrameSettings:
-    """Which images of a video become frames, and how.
+    """Which images of a video become frames, and how."""
 
-    The frames from ``skip_s`` up to ``end_s`` (exclusive) [s from each clip's first] are kept. Images are
-    rotated clockwise by ``rotate`` [degree], on top of the file's own tag, cut to ``crop`` (x, y, width,
-    height) [pixel of the rotated image] and averaged over areas to ``size`` (height, width); None keeps the
-    whole image or the cropped size. ``grey`` makes the three channels equal, the luma of ITU-R BT.601.
-
-    For videos alone: ``stabilise`` shifts every image back onto the clip's first by the motion of the
-    background, and ``dt_s`` is the spacing [s] of images that have no times.
-    """
-
-    crop: Sequence[int] | None = None
-    skip_s: float = 0.0
-    end_s: float | None = None
-    size: tuple[int, int] | None = None
-    rotate: int = 0
-    grey: bool = False
-    stabilise: bool = False
-    dt_s: float | None = None
+    crop: Sequence[int] | None = None  # (x, y, width, height) [pixel of the rotated image]
+    skip_s: float = 0.0  # keep frames from this time on [s from each clip's first]...
+    end_s: float | None = None  # ...up to this one, exclusive
+    size: tuple[int, int] | None = None  # (height, width) after averaging over areas
+    rotate: int = 0  # clockwise [degree], on top of the file's own tag
+    grey: bool = False  # make the three channels equal, the luma of ITU-R BT.601
+    stabilise: bool = False  # of videos: shift images back onto the first by the motion of the background
+    dt_s: float | None = None  # of videos: spacing [s] of images that have no times
 
 
 def crop_and_resize(

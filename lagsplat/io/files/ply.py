@@ -26,16 +26,13 @@ NORMALS = ("nx", "ny", "nz")
 
 @dataclass(frozen=True)
 class PlyCloud:
-    """N Gaussians in space: centres, standard deviations, quaternions (w, x, y, z), colours, opacities.
-
-    Colours are as stored, in [0, 1] or slightly outside; opacities are in [0, 1].
-    """
+    """N Gaussians in space."""
 
     means: Float64[np.ndarray, "N 3"]
-    scales: Float64[np.ndarray, "N 3"]
-    quaternions: Float64[np.ndarray, "N 4"]
-    colors: Float64[np.ndarray, "N 3"]
-    opacities: Float64[np.ndarray, " N"]
+    scales: Float64[np.ndarray, "N 3"]  # standard deviations
+    quaternions: Float64[np.ndarray, "N 4"]  # (w, x, y, z)
+    colors: Float64[np.ndarray, "N 3"]  # as stored, in [0, 1] or slightly outside
+    opacities: Float64[np.ndarray, " N"]  # in [0, 1]
 
     def covariances(self) -> Float64[np.ndarray, "N 3 3"]:
         """Covariance matrices of the Gaussians."""
@@ -46,13 +43,10 @@ class PlyCloud:
 
 @dataclass(frozen=True)
 class SharpCloud:
-    """A cloud as SHARP writes it: in the camera's own coordinates [m], colours encoded as sRGB.
-
-    ``focal`` [px] is that of an image of ``width`` x ``height`` with the principal point at its centre.
-    """
+    """A cloud as SHARP writes it: in the camera's own coordinates [m], colours encoded as sRGB."""
 
     cloud: PlyCloud
-    focal: float
+    focal: float  # [px], of an image of this size with the principal point at its centre
     width: int
     height: int
 

@@ -187,21 +187,19 @@ class _Log:
 
 @dataclass
 class TopicSummary:
-    """Summary of one topic, with the log times and the stamps of its messages [ns].
+    """Summary of one topic.
 
-    ``numbers`` are paths of the numbers in its first message, at most 32, and ``moving`` those that change.
-    Of a topic with more, such as a point cloud, only the first message is decoded. ``problem`` says why no
-    message was decoded.
+    Of a topic with more than 32 numbers, such as a point cloud, only the first message is decoded.
     """
 
     name: str
     schema: str
     encoding: str
-    log_ns: list[int] = field(default_factory=list)
-    header_ns: list[int | None] = field(default_factory=list)
-    numbers: tuple[str, ...] = ()
-    moving: set[str] = field(default_factory=set)
-    problem: str = ""
+    log_ns: list[int] = field(default_factory=list)  # time of writing of each message [ns]
+    header_ns: list[int | None] = field(default_factory=list)  # stamp of each message, None if missing [ns]
+    numbers: tuple[str, ...] = ()  # paths of the numbers in the first message, at most 32
+    moving: set[str] = field(default_factory=set)  # those of them that change
+    problem: str = ""  # why no message was decoded
 
     @property
     def picture(self) -> str | None:

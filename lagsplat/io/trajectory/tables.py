@@ -27,15 +27,12 @@ USUAL = {
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as in the file; ``lines`` (T,) number the rows as an editor or an array would.
-
-    ``row`` is what such a number counts: a line of text, a row of a table or of an array.
-    """
+    """Columns as in the file."""
 
     source: str
     columns: dict[str, np.ndarray]
-    lines: np.ndarray
-    row: str = "row"
+    lines: np.ndarray  # numbers (T,) of the rows, as an editor or an array counts them
+    row: str = "row"  # what such a number counts: a line of text, a row of a table or of an array
 
     def place(self, index: int) -> str:
         """Position of row ``index``, for messages."""

@@ -16,14 +16,11 @@ TIMES = "times.csv"
 
 @dataclass(frozen=True)
 class VideoClip:
-    """A continuous sequence of frames: a video, or the images of a folder.
-
-    ``images`` are in order, and empty for a video. ``times`` is the table of their times, if any.
-    """
+    """A continuous sequence of frames: a video, or the images of a folder."""
 
     path: Path
-    images: tuple[Path, ...] = ()
-    times: Path | None = None
+    images: tuple[Path, ...] = ()  # in order; empty for a video
+    times: Path | None = None  # table of the times of images, if any
 
     @property
     def files(self) -> tuple[Path, ...]:
