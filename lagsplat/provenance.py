@@ -170,11 +170,9 @@ def _imports(node: ast.AST, path: Path) -> Iterator[str]:
 
 
 def _is_text(statement: ast.stmt) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
+    if not isinstance(statement, ast.Expr) or not isinstance(statement.value, ast.Constant):
+        return False
+    return isinstance(statement.value.value, str)
 
 
 def stamp() -> dict[str, Any]:
@@ -189,6 +187,8 @@ def stamp() -> dict[str, Any]:
     commit, tree, dirty = _commit()
     torch: Any = sys.modules.get("torch")
     loaded = hasattr(torch, "get_num_threads")
+    # Asking CUDA starts it, which a process that runs on the CPU must not pay for.
+    device = torch.cuda.get_device_name() if loaded and torch.cuda.is_initialized() else "cpu"
     return {
         "package": PACKAGE,
         "commit": commit,
@@ -198,7 +198,7 @@ def stamp() -> dict[str, Any]:
         "platform": platform.platform(),
         "versions": _versions(),
         "threads": torch.get_num_threads() if loaded else None,
-        "device": _device(torch) if loaded else None,
+        "device": device if loaded else None,
         "cpu_count": os.cpu_count(),
         "time_utc": datetime.now(UTC).isoformat(timespec="seconds"),
     }
@@ -238,11 +238,6 @@ def _versions() -> dict[str, str | None]:
         except PackageNotFoundError:
             versions[name] = None
     return versions
-
-
-def _device(torch: Any) -> str:
-    # Asking CUDA starts it, which a process that runs on the CPU must not pay for.
-    return torch.cuda.get_device_name() if torch.cuda.is_initialized() else "cpu"
 
 
 def seed_everything(seed: int) -> None:

@@ -9,18 +9,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 
+from lagsplat.video_quality import continuity
 from lagsplat.video_quality.camera_motion import CameraMotion, measure_path, track_background
-from lagsplat.video_quality.continuity import (
-    ExposureFlicker,
-    LoopRepeat,
-    SamplingRate,
-    SceneCut,
-    find_exposure_flicker,
-    find_loop,
-    find_scene_cuts,
-    measure_exposure_gain,
-    measure_samples_per_period,
-)
 from lagsplat.video_quality.frames import Thumbnails, make_small_grey
 
 LEAST_FRAMES = 24
@@ -50,11 +40,11 @@ class VideoAssessment:
     """
 
     camera: CameraMotion | None
-    flicker: ExposureFlicker | None
-    cuts: tuple[SceneCut, ...]
-    repeat: LoopRepeat | None
+    flicker: continuity.ExposureFlicker | None
+    cuts: tuple[continuity.SceneCut, ...]
+    repeat: continuity.LoopRepeat | None
     visit: ForeignObject | None
-    sampling: SamplingRate | None
+    sampling: continuity.SamplingRate | None
     camera_limit_px: float  # largest acceptable rms of the camera motion [pixel of the video]
     start_s: float
     stop_s: float
@@ -88,7 +78,7 @@ class VideoAssessment:
         """A sentence for each defect, with its numbers and the remedy."""
         return (*self._of_the_camera(), *self._of_the_cut(), *self._of_the_clock())
 
-    def _late(self, cut: SceneCut) -> bool:
+    def _late(self, cut: continuity.SceneCut) -> bool:
         return cut.time_s > 0.5 * (self.start_s + self.stop_s)
 
     def _of_the_camera(self) -> list[str]:
@@ -168,8 +158,8 @@ def assess_video(
     path = track_background(thumbnails.pictures)
     camera = None if path is None else measure_path(path * thumbnails.scale)
     grey = make_small_grey(frames, most=MOST_PIXELS)
-    cuts = find_scene_cuts(grey, time_s)
-    gain = measure_exposure_gain(grey)
+    cuts = continuity.find_scene_cuts(grey, time_s)
+    gain = continuity.measure_exposure_gain(grey)
     if gain is not None:
         grey /= gain[:, None, None].astype(np.float32)
     moves = camera is not None and camera.rms_px > limit
@@ -178,11 +168,11 @@ def assess_video(
     cuts, visit = (cuts, None) if visit is None else _cut_or_visit(cuts, visit)
     return VideoAssessment(
         camera=camera,
-        flicker=None if gain is None else find_exposure_flicker(gain, time_s),
+        flicker=None if gain is None else continuity.find_exposure_flicker(gain, time_s),
         cuts=cuts,
-        repeat=find_loop(grey, time_s),
+        repeat=continuity.find_loop(grey, time_s),
         visit=visit,
-        sampling=measure_samples_per_period(grey, time_s),
+        sampling=continuity.measure_samples_per_period(grey, time_s),
         camera_limit_px=limit,
         start_s=start_s,
         stop_s=stop_s,
@@ -190,8 +180,8 @@ def assess_video(
 
 
 def _cut_or_visit(
-    cuts: tuple[SceneCut, ...], visit: ForeignObject
-) -> tuple[tuple[SceneCut, ...], ForeignObject | None]:
+    cuts: tuple[continuity.SceneCut, ...], visit: ForeignObject
+) -> tuple[tuple[continuity.SceneCut, ...], ForeignObject | None]:
     """Classify one event as either: a cut changes most of the image, a foreign object a part of it."""
     borders = [time_s for time_s in (visit.gone_s, visit.back_s) if time_s is not None]
     others = tuple(cut for cut in cuts if all(abs(cut.time_s - border) >= SAME_S for border in borders))

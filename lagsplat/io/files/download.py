@@ -8,11 +8,10 @@ import fcntl
 import os
 import re
 import shutil
-import time
 import zipfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path, PurePosixPath
+from time import sleep
 from urllib.parse import urlsplit
 
 import requests
@@ -88,18 +87,12 @@ def _require_space(path: Path, needed: int) -> None:
         raise OSError(f"{path}: needs {needed} bytes, but the disk has {free} free; make room")
 
 
-def download(
-    url: str,
-    path: str | os.PathLike[str],
-    *,
-    sha256: str | None,
-    wait: Callable[[float], object] = time.sleep,
-) -> Path:
+def download(url: str, path: str | os.PathLike[str], *, sha256: str | None) -> Path:
     """Download ``url`` to ``path``, resuming an earlier call, and check it; return ``path``.
 
     A file already at ``path`` is never changed: it is returned if ``sha256`` matches or is None, which checks
-    only the length. A lost connection is retried after 1, 2, 4, ... seconds, as ``wait`` does; any progress
-    resets the count. If the server cannot resume, the download restarts.
+    only the length. A lost connection is retried after 1, 2, 4, ... seconds; any progress resets the
+    count. If the server cannot resume, the download restarts.
 
     Raises:
         ValueError: the SHA-256 differs; the content is removed, because resuming would not help.
@@ -113,7 +106,7 @@ def download(
         return path
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    _fetch_patiently(url, part, wait=wait)
+    _fetch_patiently(url, part)
     if sha256 is not None and (found := sha256_of(part)) != sha256:
         part.unlink()
         raise ValueError(
@@ -124,7 +117,7 @@ def download(
     return path
 
 
-def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -> None:
+def _fetch_patiently(url: str, part: Path) -> None:
     failures, reached = 0, _size(part)
     while True:
         try:
@@ -139,7 +132,7 @@ def _fetch_patiently(url: str, part: Path, *, wait: Callable[[float], object]) -
                     f"{url}: {error} ({failures} attempts without progress). {_size(part)} bytes are kept in "
                     f"{part}; run again to go on, or fetch the file by hand to {part.with_suffix('')}"
                 ) from error
-            wait(2.0 ** (failures - 1))
+            sleep(2.0 ** (failures - 1))
 
 
 def _may_pass(error: Exception) -> bool:

@@ -18,16 +18,8 @@ from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.io.config import McapConfig, McapInputConfig
 from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.mcap import messages
 from lagsplat.io.mcap.images import CameraReader, image_kind
-from lagsplat.io.mcap.messages import (
-    MOST_LISTED,
-    Decoders,
-    Timestamps,
-    choose_timestamps,
-    list_number_paths,
-    read_number,
-    read_stamp_ns,
-)
 from lagsplat.io.mcap.recovery import read_whole_messages
 from lagsplat.io.recording.alignment import InputLog, align_log
 from lagsplat.io.recording.recording import Recording
@@ -96,13 +88,13 @@ class _Log:
     def __init__(self, path: Path, topics: McapConfig, camera: CameraReader) -> None:
         self.path, self.clock, self.camera = path, topics.clock, camera
         used = [camera.topic, *(each.topic for each in topics.inputs)]
-        self._stamps = {topic: Timestamps(topic) for topic in used}
+        self._stamps = {topic: messages.Timestamps(topic) for topic in used}
         fields = [(each.topic, each.field) for each in topics.inputs]
         self._values: dict[tuple[str, str], list[float]] = {field: [] for field in fields}
 
     def read(self) -> None:
         """Read the file once."""
-        decoders, losses, last_ns = Decoders(), list[str](), 0
+        decoders, losses, last_ns = messages.Decoders(), list[str](), 0
         there: dict[str, int] = {}
         for schema, channel, message in read_whole_messages(self.path, losses):
             there[channel.topic] = there.get(channel.topic, 0) + 1
@@ -134,7 +126,7 @@ class _Log:
         self._times = {topic: self._choose_times(stamps) for topic, stamps in self._stamps.items()}
 
     def _take(self, topic: str, message: Any, schema_name: str, log_ns: int) -> None:
-        header_ns = read_stamp_ns(message)
+        header_ns = messages.read_stamp_ns(message)
         self._stamps[topic].header_ns.append(header_ns)
         self._stamps[topic].log_ns.append(log_ns)
         if topic == self.camera.topic:
@@ -145,7 +137,7 @@ class _Log:
         for (each, path), values in self._values.items():
             if each == topic:
                 try:
-                    values.append(read_number(message, path))
+                    values.append(messages.read_number(message, path))
                 except ValueError as error:
                     raise ValueError(f"topic {topic}, message {len(values)}: {error}") from error
 
@@ -156,8 +148,9 @@ class _Log:
         kept = np.array([int(number) in self.camera.frames for number in numbers], bool)
         if not kept.any():
             cut = f"skip_s = {self.camera.settings.skip_s} and end_s = {self.camera.settings.end_s}"
-            messages = f"topic {self.camera.topic} has {len(self._stamps[self.camera.topic].log_ns)} messages"
-            raise ValueError(f"{self.path}: no frame to keep; {messages}, with {cut}. Check the cut")
+            count = len(self._stamps[self.camera.topic].log_ns)
+            held = f"topic {self.camera.topic} has {count} messages, with {cut}"
+            raise ValueError(f"{self.path}: no frame to keep; {held}. Check the cut")
         return numbers[kept], (frame_ns[kept] - self.camera.start_ns) / 1e9
 
     def samples(self, source: McapInputConfig) -> InputLog:
@@ -170,7 +163,9 @@ class _Log:
             self._warn(f"topic {source.topic}: {values_lost} are not finite and are taken as missing")
         return InputLog(source.name, (times - self.camera.start_ns)[finite] / 1e9, values[finite])
 
-    def _choose_times(self, stamps: Timestamps) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
+    def _choose_times(
+        self, stamps: messages.Timestamps
+    ) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
         """Times of a topic [ns] and the messages they belong to, up to the first one after the cut."""
         if self.camera.settings.end_s is not None:
             # Messages after the cut are not checked: they may be the reason for the cut.
@@ -178,8 +173,8 @@ class _Log:
             times = enumerate(stamps.of_clock(self.clock), 1)
             late = (count for count, time in times if time is not None and time >= end_ns)
             count = next(late, len(stamps.log_ns))
-            stamps = Timestamps(stamps.topic, stamps.header_ns[:count], stamps.log_ns[:count])
-        return choose_timestamps(stamps, clock=self.clock, source=str(self.path))
+            stamps = messages.Timestamps(stamps.topic, stamps.header_ns[:count], stamps.log_ns[:count])
+        return messages.choose_timestamps(stamps, clock=self.clock, source=str(self.path))
 
     def _warn(self, text: str) -> None:
         warnings.warn(f"{self.path}: {text}", stacklevel=4)
@@ -241,14 +236,14 @@ class McapSurvey:
 
 def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
     """Summarise every topic of the file at ``path``, damaged or not, in one pass."""
-    decoders, losses = Decoders(), list[str]()
+    decoders, losses = messages.Decoders(), list[str]()
     topics: dict[str, TopicSummary] = {}
     first: dict[tuple[str, str], float] = {}
     for schema, channel, message in read_whole_messages(path, losses):
         name = schema.name if schema else ""
         topic = topics.setdefault(channel.topic, TopicSummary(channel.topic, name, channel.message_encoding))
         topic.log_ns.append(message.log_time)
-        if not topic.problem and len(topic.numbers) < MOST_LISTED:
+        if not topic.problem and len(topic.numbers) < messages.MOST_LISTED:
             try:
                 decoded = decoders.decode(schema, channel, message)
             except ValueError as error:
@@ -259,16 +254,16 @@ def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
 
 
 def _look(topic: TopicSummary, message: Any, first: dict[tuple[str, str], float]) -> None:
-    topic.header_ns.append(read_stamp_ns(message))
+    topic.header_ns.append(messages.read_stamp_ns(message))
     if topic.picture is not None:
         return
     if not topic.numbers:
-        topic.numbers = tuple(islice(list_number_paths(message), MOST_LISTED))
+        topic.numbers = tuple(islice(messages.list_number_paths(message), messages.MOST_LISTED))
     for path in topic.numbers:
         if path in topic.moving:
             continue
         try:
-            value = read_number(message, path)
+            value = messages.read_number(message, path)
         except ValueError:
             continue  # an array may be shorter in one message than in another
         if first.setdefault((topic.name, path), value) != value:

@@ -214,10 +214,15 @@ def _pictures(
 def _numbers(writer: Writer, source: NumberTopic, start_ns: int) -> Iterator[tuple[int, int, bytes]]:
     if "timestamp" in source.columns:
         raise ValueError(f"topic {source.topic}: a column may not be called 'timestamp', as the stamp is")
+    properties: dict[str, Any] = {"timestamp": TIME}
+    for name, values in source.columns.items():
+        number = {"type": "number"}
+        kind = number if np.ndim(values) == 1 else {"type": "array", "items": number}
+        properties[name] = kind | {"description": source.about.get(name, "")}
     schema = writer.register_schema(
         name="lagsplat" + source.topic.replace("/", "."),
         encoding=SchemaEncoding.JSONSchema,
-        data=json.dumps(_schema(source)).encode(),
+        data=json.dumps({"type": "object", "title": source.topic, "properties": properties}).encode(),
     )
     channel = writer.register_channel(source.topic, MessageEncoding.JSON, schema)
     columns = {name: np.asarray(values, np.float64).tolist() for name, values in source.columns.items()}
@@ -228,12 +233,3 @@ def _numbers(writer: Writer, source: NumberTopic, start_ns: int) -> Iterator[tup
             yield time_ns, channel, json.dumps(message, allow_nan=False).encode()
         except ValueError as error:
             raise ValueError(f"topic {source.topic}: a value at message {i} is not finite") from error
-
-
-def _schema(source: NumberTopic) -> dict[str, Any]:
-    properties: dict[str, Any] = {"timestamp": TIME}
-    for name, values in source.columns.items():
-        number = {"type": "number"}
-        kind = number if np.ndim(values) == 1 else {"type": "array", "items": number}
-        properties[name] = kind | {"description": source.about.get(name, "")}
-    return {"type": "object", "title": source.topic, "properties": properties}

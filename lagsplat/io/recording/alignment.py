@@ -44,7 +44,13 @@ def align_log(
     outside, inside_gap = np.zeros((2, len(frame_s)), bool)
     gap_starts: list[float] = []
     for log in logs:
-        _require_overlap(frame_s, log, source)
+        if len(log.time_s) < 2:
+            raise ValueError(
+                f"{source}: input {log.name!r} has {len(log.time_s)} samples; choose one with two or more"
+            )
+        if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
+            found = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
+            raise ValueError(f"{source}: {found}. Check recording.mcap.clock and the topics")
         outside |= (frame_s < log.time_s[0]) | (frame_s > log.time_s[-1])
         for before, after in pairwise(log.time_s.tolist()):
             if after - before > max_gap_s:
@@ -71,16 +77,6 @@ def align_log(
     columns = [np.interp(times, log.time_s, log.values) for log in logs]
     inputs = np.stack(columns, axis=1) if columns else np.zeros((len(times), 0))
     return AlignedInputs(kept, inputs, tuple(pairwise(borders)))
-
-
-def _require_overlap(frame_s: Float64[np.ndarray, " T"], log: InputLog, source: str) -> None:
-    if len(log.time_s) < 2:
-        raise ValueError(
-            f"{source}: input {log.name!r} has {len(log.time_s)} samples; choose one with two or more"
-        )
-    if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
-        found = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
-        raise ValueError(f"{source}: {found}. Check recording.mcap.clock and the topics")
 
 
 def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog]) -> str:
