@@ -25,8 +25,7 @@ import torch
 from torch import Tensor
 
 from lagsplat.provenance import set_threads
-from lagsplat.splat.image_model import rasterize
-from lagsplat.splat.rasterize_torch import evaluate_alphas
+from lagsplat.splat.image_model import evaluate_alphas, rasterize
 
 Scene = list[Tensor]
 SLOW_FRAMES = 1

@@ -111,7 +111,7 @@ def object_at(operating_point: OperatingPoint) -> np.ndarray:
 def hands_on(operating_point: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Drag]:
     """What draws a state, and a press on the object."""
     renderer, at = (
-        open_renderer(operating_point.autoencoder, operating_point.chart, side=side),
+        open_renderer(operating_point, side=side),
         object_at(operating_point),
     )
     if isinstance(renderer, ImageRenderer):

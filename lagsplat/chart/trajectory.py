@@ -122,9 +122,7 @@ def read_time_base(time_s: Float64[np.ndarray, " T"], segments: Segments) -> Tim
     """
     steps = np.concatenate([np.diff(time_s[a:b]) for a, b in segments] or [np.zeros(0)])
     if steps.size == 0:
-        raise ValueError(
-            f"no two of {len(time_s)} frame(s) are in one clip; give longer clips or another split"
-        )
+        raise ValueError(f"no two of {len(time_s)} frame(s) share a clip; give longer clips or another split")
     dt_s = float(np.median(steps))
     even = float(np.abs(steps - dt_s).max()) <= EVEN * dt_s
     return TimeBase(dt_s, None if even else time_s)

@@ -221,9 +221,7 @@ def fit_energy_scale(
     small = 1e-3 * operating_point.visited_radius / max(float(np.linalg.norm(load)), 1e-300)
     slope = float(motion_ratios(np.array([small]))[0]) / small
     if not slope > 0.0:
-        raise NoScaleError(
-            "the law moves against the measured displacement, or not at all; push another point"
-        )
+        raise NoScaleError("the law moves against the measured displacement, or not at all; push elsewhere")
     sizes = np.geomspace(1.0 / np.sqrt(SCALE_SPAN), np.sqrt(SCALE_SPAN), SIZES) / slope
     ratios = motion_ratios(sizes)
     after = int(np.argmax(ratios >= 1.0))

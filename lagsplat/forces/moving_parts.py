@@ -65,11 +65,9 @@ def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndar
     channels = jacobian.flatten(1)
     padded = torch.nn.functional.pad(channels, (0, -channels.shape[1] % 3))
     nothing = torch.zeros_like(drawn.background)
-    parts = [
-        autoencoder.draw(drawn._replace(color=part.contiguous(), background=nothing))[0]
-        for part in padded.split(3, 1)
-    ]
-    channels_drawn = torch.cat(parts)[: channels.shape[1]].double().cpu().numpy()
+    scenes = [drawn._replace(color=part.contiguous(), background=nothing) for part in padded.split(3, 1)]
+    parts = torch.cat([autoencoder.draw(scene)[0] for scene in scenes])
+    channels_drawn = parts[: channels.shape[1]].double().cpu().numpy()
     field = np.moveaxis(channels_drawn, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
     motion = np.linalg.norm(field, axis=(2, 3))
     return MovingParts(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
@@ -87,17 +85,17 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
     lever = scene.jacobian[:, :, 1, 0]
     usable = scene.object & _inside(scene.motion.shape, margin)
     if not (usable & (lever > 0)).any() or not (usable & (lever < 0)).any():
-        raise ValueError(
-            "the object does not move down on one side and up on the other: it has no lever arms"
-        )
+        raise ValueError("the object has no lever arms: no side moves down while the other moves up")
     far = {side: float(np.quantile(side * lever[usable & (side * lever > 0)], 0.95)) for side in (-1, 1)}
     wanted = [-share * far[-1] for share in (0.35, 0.65, 1.0)] + [far[1]]
     middle = np.median(np.nonzero(usable)[0])
     rows = np.abs(np.arange(len(lever)) - middle)[:, None] / len(lever)
-    return [
-        _lowest(np.where(usable, np.abs(lever - value) / max(far.values()) + 0.3 * rows, np.inf))
-        for value in wanted
-    ]
+    points = []
+    for value in wanted:
+        score = np.where(usable, np.abs(lever - value) / max(far.values()) + 0.3 * rows, np.inf)
+        row, column = np.unravel_index(int(score.argmin()), score.shape)
+        points.append((float(column) + 0.5, float(row) + 0.5))
+    return points
 
 
 def choose_background_points(scene: MovingParts, count: int, *, margin: float) -> list[Point]:
@@ -142,11 +140,6 @@ def _inside(shape: tuple[int, ...], margin: float) -> Bool[np.ndarray, "H W"]:
     return fits[0][:, None] & fits[1][None]
 
 
-def _lowest(score: Float64[np.ndarray, "H W"]) -> Point:
-    row, column = np.unravel_index(int(score.argmin()), score.shape)
-    return float(column) + 0.5, float(row) + 0.5
-
-
 def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.ndarray:
     if not len(others):
         return np.full(len(rows), np.inf)
@@ -164,11 +157,8 @@ def draw_outline(image: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[
 
     Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
     """
-    columns_rows = image.shape[1::-1]
-    near, moves = (
-        cv2.resize(part.astype(np.float32), columns_rows, interpolation=cv2.INTER_LINEAR)
-        for part in (scene.relative, scene.motion)
-    )
+    size, maps = image.shape[1::-1], (scene.relative, scene.motion)
+    near, moves = (cv2.resize(each.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) for each in maps)
     labels = np.where(near > OUTLINE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[near > CORE] = cv2.GC_FGD
     labels[moves < STILL] = cv2.GC_BGD

@@ -88,17 +88,18 @@ def _extremes(covariance: Float[Tensor, "K 6"]) -> tuple[Tensor, Tensor]:
     return ends[0].to(covariance), ends[1].to(covariance)
 
 
-def nonlocal_filter(filters: list[Float[Tensor, "_ _ k k"]], *, reach: float = 1.0) -> Float[Tensor, ""]:
+def nonlocal_filter(
+    filters: list[Float[Tensor, "_ _ k k"]],
+) -> Float[Tensor, ""]:
     """Roughness of convolution filters: squared differences of taps, weighted by their closeness.
 
-    ``sum_ab exp(-|x_a - x_b|^2 / reach^2) (w_a - w_b)^2 / 2`` over the taps of each filter, summed over
-    filters; ``reach`` is in pixels.
+    ``sum_ab exp(-|x_a - x_b|^2) (w_a - w_b)^2 / 2`` over the taps of each filter [px], summed over filters.
 
     Source: paper eq. (recon_loss), the nonlocal filter penalty of Zhu et al. 2025.
     """
     side = filters[0].shape[-1]
     position = torch.arange(side, dtype=filters[0].dtype, device=filters[0].device)
-    along = torch.exp(-((position[:, None] - position[None]) ** 2) / reach**2)
+    along = torch.exp(-((position[:, None] - position[None]) ** 2))
     taps = torch.cat([bank.flatten(0, 1) for bank in filters])
     degree = along.sum(1)
     # The kernel over taps is the product of one over rows and one over columns.

@@ -76,10 +76,9 @@ def merge_clouds(cloud: PlyCloud, *, side: int, by: int, layers: int) -> PlyClou
     Raises:
         ValueError: the number of Gaussians is another, or ``by`` does not divide the side.
     """
-    if len(cloud.means) != layers * side * side or side % by:
-        raise ValueError(
-            f"{len(cloud.means)} Gaussians are not {layers} grids of {side} x {side} that {by} divides"
-        )
+    count = len(cloud.means)
+    if count != layers * side * side or side % by:
+        raise ValueError(f"{count} Gaussians are not {layers} grids of {side} x {side} that {by} divides")
     weight = _blocks(cloud.opacities[:, None], layers, side, by).clip(1e-6)
     share = weight / weight.sum(1, keepdims=True)
     light = srgb_to_linear(cloud.colors.clip(0, 1))

@@ -38,11 +38,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         turn = self.rotation
-        shapes = turn.shape, self.position.shape
-        if shapes != ((3, 3), (3,)):
-            raise ValueError(
-                f"a camera has a 3 x 3 rotation and 3 coordinates, not {shapes[0]} and {shapes[1]}"
-            )
+        a, b = turn.shape, self.position.shape
+        if (a, b) != ((3, 3), (3,)):
+            raise ValueError(f"a camera has a rotation of (3, 3) and a position of (3,), not {a} and {b}")
         if not (np.isfinite(turn).all() and np.isfinite(self.position).all()):
             raise ValueError("a camera's pose is not finite; calibrate it again")
         off, determinant = float(np.abs(turn @ turn.T - np.eye(3)).max()), np.linalg.det(turn)
@@ -155,7 +153,7 @@ class ViewSpace:
     def __post_init__(self) -> None:
         if not (self.depth > 0 and np.isfinite(self.depth)):
             raise ValueError(
-                f"the pivot's depth ahead of the reference camera is {self.depth}: give a positive one"
+                f"the pivot lies {self.depth} ahead of the reference camera: give a positive depth"
             )
 
     @property
@@ -197,12 +195,10 @@ def arrange_cameras(
     yaws, pitches = _ticks(config.yaw_deg, config.columns), _ticks(config.pitch_deg, config.rows)
     grid = [(yaw, pitch) for pitch in pitches for yaw in yaws]
     turns = START + 2 * np.pi * np.arange(config.held_out) / max(config.held_out, 1)
-    yaw_extent, pitch_extent = BETWEEN * config.yaw_deg, BETWEEN * config.pitch_deg
-    between = [(yaw_extent * np.cos(turn), pitch_extent * np.sin(turn)) for turn in turns]
-    angles = grid + between
-    cameras = [
-        orbit_camera(space.reference, space.depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch in angles
-    ]
+    yaw, pitch = BETWEEN * config.yaw_deg, BETWEEN * config.pitch_deg
+    between = [(yaw * np.cos(turn), pitch * np.sin(turn)) for turn in turns]
+    camera, depth, angles = space.reference, space.depth, grid + between
+    cameras = [orbit_camera(camera, depth, yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch in angles]
     names = [f"yaw {yaw:+.1f} pitch {pitch:+.1f}" for yaw, pitch in angles]
     return cameras, names, [False] * len(grid) + [True] * len(between)
 

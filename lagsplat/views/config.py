@@ -16,11 +16,10 @@ class ArrangementConfig:
     held_out: int  # number of cameras between the others, used only for scores
 
     def __post_init__(self) -> None:
+        rule = "is an angle in [0, 90) degrees"
         for key in ("yaw_deg", "pitch_deg"):
             value = getattr(self, key)
-            require_setting(
-                f"views.arrangement.{key}", value, 0 <= value < 90, "is an angle in [0, 90) degrees"
-            )
+            require_setting(f"views.arrangement.{key}", value, 0 <= value < 90, rule)
         require_least(self, "views.arrangement", 1, "columns", "rows")
         require_least(self, "views.arrangement", 0, "held_out")
 

@@ -8,9 +8,8 @@ import torch
 from torch import Tensor
 
 from lagsplat.splat.gaussians import GaussianSlice
-from lagsplat.splat.image_model import rasterize
+from lagsplat.splat.image_model import evaluate_alphas, rasterize
 from lagsplat.splat.rasterize_gsplat import TILE_PX, embed_in_space
-from lagsplat.splat.rasterize_torch import evaluate_alphas
 
 
 def random_scene(batch, count, height, width, *, sigma=1.7, opacity=(0.02, 0.9), margin=3.0, seed=0):

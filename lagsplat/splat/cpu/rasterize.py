@@ -19,9 +19,8 @@ def draw_numba(scene: GaussianSlice, height: int, width: int) -> Float[Tensor, "
     slices, color = slices_of(scene.covariance), scene.color
     if color.ndim == 2:
         slices, color = slices[None], color[None]
-    images: Tensor = _Rasterize.apply(
-        scene.means, slices, scene.opacity, color, scene.background, height, width
-    )
+    tensors = (scene.means, slices, scene.opacity, color, scene.background)
+    images: Tensor = _Rasterize.apply(height, width, *tensors)
     return images
 
 
@@ -39,19 +38,8 @@ def slices_of(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(
-        ctx: Any,
-        means: Tensor,
-        slices: Tensor,
-        opacity: Tensor,
-        color: Tensor,
-        background: Tensor,
-        height: int,
-        width: int,
-    ) -> Tensor:
-        means, slices, opacity, color, background = (
-            tensor.detach().contiguous() for tensor in (means, slices, opacity, color, background)
-        )
+    def forward(ctx: Any, height: int, width: int, *tensors: Tensor) -> Tensor:
+        means, slices, opacity, color, background = (part.detach().contiguous() for part in tensors)
         cutoff = (opacity * 255.0).log()
         spots = find_spots(means.numpy(), opacity.numpy(), cutoff.numpy(), slices.numpy())
         images, state = forward(spots, slices.numpy(), color.numpy(), background.numpy(), height, width)
@@ -64,24 +52,17 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         slices, color, background = ctx.saved_tensors
         grad = grad.contiguous()
-        spot_grad, shared_grad = backward(
-            ctx.spots,
-            slices.numpy(),
-            color.numpy(),
-            background.numpy(),
-            ctx.state,
-            grad.numpy(),
-            numba.get_num_threads(),
-        )
+        arrays = (ctx.spots, slices.numpy(), color.numpy(), background.numpy(), ctx.state, grad.numpy())
+        spot_grad, shared_grad = backward(*arrays, numba.get_num_threads())
         spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
         shared = torch.from_numpy(shared_grad.sum(0) if len(shared_grad) > 1 else shared_grad[0])
         transmittance = torch.from_numpy(ctx.state[:, 0])
         return (
+            None,
+            None,
             spots[..., :2],
             torch.nn.functional.pad(shared[..., :3], (0, 2)),
             spots[..., 2],
             shared[..., 3:],
             (grad * transmittance[:, None]).sum(dim=(0, 2, 3)),
-            None,
-            None,
         )

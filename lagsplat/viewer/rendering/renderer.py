@@ -5,7 +5,7 @@ import torch
 from jaxtyping import Float64, UInt8
 
 from lagsplat.array_types import Vector
-from lagsplat.chart.chart import Chart
+from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import make_view, project
@@ -18,8 +18,8 @@ RgbImage = UInt8[np.ndarray, "H W 3"]
 class ImageRenderer:
     """Draws Gaussians in the image plane; ``stretch`` drawn pixels cover one of the training resolution."""
 
-    def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
-        self.chart = chart
+    def __init__(self, operating_point: OperatingPoint, side: int) -> None:
+        autoencoder, self.chart = operating_point.autoencoder, operating_point.chart
         self.stretch, height, width = _fit_side(autoencoder, side)
         stretch = (width / autoencoder.width, height / autoencoder.height)
         self.rasterizer = FrameRasterizer(autoencoder.gaussians, height=height, width=width, stretch=stretch)
@@ -41,14 +41,13 @@ class ImageRenderer:
 class SceneRenderer:
     """Draws Gaussians in space as the recording camera sees them, or another; else as `ImageRenderer`."""
 
-    def __init__(self, autoencoder: Autoencoder, chart: Chart, *, side: int) -> None:
+    def __init__(self, operating_point: OperatingPoint, side: int) -> None:
+        autoencoder, self.chart = operating_point.autoencoder, operating_point.chart
         assert autoencoder.lens is not None, "only Gaussians in space have a camera"
-        self.model, self.chart = autoencoder.gaussians, chart
-        self.backend = autoencoder.backend
+        self.model, self.backend = autoencoder.gaussians, autoencoder.backend
         self.stretch, height, width = _fit_side(autoencoder, side)
-        across, down, x, y = autoencoder.lens
-        pose, lens = (np.eye(3), np.zeros(3)), ((across, down), (x, y))
-        camera = Camera(*pose, *lens, autoencoder.height, autoencoder.width)
+        (*focal, x, y), size = autoencoder.lens, (autoencoder.height, autoencoder.width)
+        camera = Camera(np.eye(3), np.zeros(3), (focal[0], focal[1]), (x, y), *size)
         self.recording_camera = camera.resized(height, width)
 
     def draw(self, q: Vector) -> RgbImage:
@@ -84,10 +83,10 @@ class SceneRenderer:
 FrameRenderer = ImageRenderer | SceneRenderer
 
 
-def open_renderer(autoencoder: Autoencoder, chart: Chart, *, side: int) -> FrameRenderer:
-    """Open the renderer for a decoder in the image plane or in space; ``side`` is the longer side [px]."""
-    kind = ImageRenderer if autoencoder.gaussians.space == 2 else SceneRenderer
-    return kind(autoencoder, chart, side=side)
+def open_renderer(operating_point: OperatingPoint, *, side: int) -> FrameRenderer:
+    """Open the renderer for a run in the image plane or in space; ``side`` is the longer side [px]."""
+    kind = ImageRenderer if operating_point.kinematics.space == 2 else SceneRenderer
+    return kind(operating_point, side)
 
 
 def _fit_side(autoencoder: Autoencoder, side: int) -> tuple[float, int, int]:

@@ -148,9 +148,8 @@ class ImageCanvas:
         place_first_camera(server, (0.0, 0.0, self.far), FOV)
         blank = renderer.draw(operating_point.rest.numpy())
         self.image_node = add_image(server.scene, IMAGE, blank, self.size)
-        outline = [
-            overlays.to_segments(self.to_scene(line)) for line in overlays.trace_rest_outline(operating_point)
-        ]
+        lines = overlays.trace_rest_outline(operating_point)
+        outline = [overlays.to_segments(self.to_scene(line)) for line in lines]
         points = np.concatenate(outline or [np.zeros((1, 2, 3))])
         self.rest = overlays.draw_lines(server.scene, "/rest", points, overlays.REST, thick=0.014)
 
@@ -174,12 +173,9 @@ class ImageCanvas:
         """Turn a visitor's view back to the front of the image."""
         look_from(client.camera, (0.0, 0.0, self.far))
 
-    def on_drag(self, act: DragHandler) -> None:
-        """Call ``act`` with every drag of the image."""
-        listen_to_drags(self.image_node, self._locate, act)
-
-    def on_camera_change(self, act: Callable[[], None]) -> None:
-        """Do nothing: the image does not depend on the camera."""
+    def listen(self, on_drag: DragHandler, on_camera_change: Callable[[], None]) -> None:
+        """Call ``on_drag`` with every drag of the image, which does not depend on the camera."""
+        listen_to_drags(self.image_node, self._locate, on_drag)
 
     @property
     def far(self) -> float:
@@ -188,10 +184,8 @@ class ImageCanvas:
 
     def _locate(self, event: viser.SceneNodeDragEvent) -> tuple[ImageDrag, Pointer]:
         eye = tuple(event.client.camera.position)
-        press, pointer = (
-            self.image_plane.to_pixels(place, eye=eye) for place in (event.start_position, event.end_position)
-        )
-        return ImageDrag(press), pointer
+        press = self.image_plane.to_pixels(event.start_position, eye=eye)
+        return ImageDrag(press), self.image_plane.to_pixels(event.end_position, eye=eye)
 
 
 class CameraView(NamedTuple):
@@ -216,12 +210,7 @@ class CameraCanvas:
     reset_view_label = "Look from the recording camera"
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        operating_point: OperatingPoint,
-        renderer: SceneRenderer,
-        *,
-        side: int,
+        self, server: viser.ViserServer, operating_point: OperatingPoint, renderer: SceneRenderer, side: int
     ) -> None:
         self.server, self.operating_point, self.renderer, self.side = server, operating_point, renderer, side
         image_plane = ImagePlane(operating_point.kinematics.width, operating_point.kinematics.height)
@@ -303,21 +292,15 @@ class CameraCanvas:
         Raises:
             ValueError: numbers that define no camera.
         """
-        viewer_camera = client.camera
+        look = client.camera
         try:
+            wxyz, position = np.asarray(look.wxyz, np.float64), np.asarray(look.position, np.float64)
+            fov, aspect = float(look.fov), float(look.image_width) / float(look.image_height)
             return self.scene_frame.camera(
-                wxyz=np.asarray(viewer_camera.wxyz, np.float64),
-                position=np.asarray(viewer_camera.position, np.float64),
-                fov=float(viewer_camera.fov),
-                aspect=float(viewer_camera.image_width) / float(viewer_camera.image_height),
-                side=self.side,
+                wxyz=wxyz, position=position, fov=fov, aspect=aspect, side=self.side
             )
         except (TypeError, ZeroDivisionError, OverflowError) as error:
             raise ValueError(f"a visitor's camera is invalid: {error}") from error
-
-    def on_drag(self, act: DragHandler) -> None:
-        """Call ``act`` with every drag of the object."""
-        listen_to_drags(self.proxy_node, self._locate, act)
 
     def _locate(self, event: viser.SceneNodeDragEvent) -> tuple[RayDrag, Pointer]:
         camera = self.camera(event.client)
@@ -327,15 +310,16 @@ class CameraCanvas:
             self.axes = camera.rotation[:2]
         return RayDrag(self.operating_point, camera, press), pointer
 
-    def on_camera_change(self, act: Callable[[], None]) -> None:
-        """Call ``act`` when a visitor arrives or moves the camera."""
+    def listen(self, on_drag: DragHandler, on_camera_change: Callable[[], None]) -> None:
+        """Call these with every drag of the object, and when a visitor arrives or looks elsewhere."""
+        listen_to_drags(self.proxy_node, self._locate, on_drag)
 
         @self.server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             @client.camera.on_update
             async def _(camera: viser.CameraHandle) -> None:
                 self.fit(camera)
-                act()
+                on_camera_change()
 
         @self.server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:

@@ -12,7 +12,7 @@ import viser
 from viser import uplot
 
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
-from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
+from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 HELP = Path(__file__).with_name("help.md")
@@ -89,7 +89,7 @@ class ControlPanel:
         label: str,
         bounds: tuple[float, float, float] | tuple[int, int, int],
         value: float | int,
-        act: Callable[[Session, float], None],
+        act: Callable[[Session, float], Any],
         *,
         hint: str | None = None,
     ) -> viser.GuiSliderHandle[float]:
@@ -113,7 +113,7 @@ class ControlPanel:
         return box
 
     def _add_time_controls(self, gui: viser.GuiApi, session: Session) -> None:
-        acts: dict[str, Callable[[Session], None]] = {
+        acts: dict[str, Command] = {
             "Pause": lambda s: s.pause(True),
             "Run": lambda s: s.pause(False),
             "Step": pause_and_step,
@@ -126,23 +126,20 @@ class ControlPanel:
             if buttons.value in acts:
                 self.loop.submit(acts[buttons.value])
 
-        def set_speed(_: Session, value: float) -> None:
-            self.loop.clock.speed = value
-
+        clock = self.loop.clock
         last = session.recorded.n_frames - 1
-        self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, set_speed)
+        self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, lambda s, value: setattr(clock, "speed", value))
         self._add_slider("Frame", (0, max(1, last), 1), 0, lambda s, value: s.to_frame(min(int(value), last)))
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
-        def set_strength(s: Session, value: float) -> None:
-            s.strength = 10.0**value
-
         def set_radius(s: Session, value: float) -> None:
             s.grasp_model.radius_px = width * value
 
         width = session.operating_point.kinematics.width
         hint = "Power of ten: 0 as chosen, 1 ten times as strong"
-        self._add_slider("Force scale", (-1.0, 1.0, 0.05), 0.0, set_strength, hint=hint)
+        self._add_slider(
+            "Force scale", (-1.0, 1.0, 0.05), 0.0, lambda s, x: setattr(s, "strength", 10.0**x), hint=hint
+        )
         radius = round(session.grasp_model.radius_px / width, 3)
         hint = "Radius of the grasped matter, as a share of the image's width"
         self._add_slider("Brush", (0.005, WIDEST, 0.005), radius, set_radius, hint=hint)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import viser
-from jaxtyping import Float64, UInt8
+from jaxtyping import UInt8
 
 from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
-from lagsplat.viewer.rendering.renderer import ImageRenderer, open_renderer
+from lagsplat.viewer.rendering.renderer import FrameRenderer, ImageRenderer
 from lagsplat.viewer.server.canvas import CameraCanvas, Canvas, ImageCanvas, add_image
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -21,7 +21,7 @@ CORNERS = 48  # corners of the circle that shows the brush
 LATENCIES = 200  # latest drags over which the latency is measured
 SHORTEST_PX = 0.15  # arrows that are shorter are hidden
 GAP = 1.06  # distance of the recorded frame from the image, in widths of the image
-EMPTY = np.zeros((1, 2, 3))
+EMPTY = np.zeros((1, 2, 3), np.float32)
 
 
 OVERLAYS = {
@@ -58,13 +58,10 @@ class SceneView:
         scene.world_axes.visible = False
         blank = np.zeros((operating_point.kinematics.height, operating_point.kinematics.width, 3), np.uint8)
         self.recorded_image = add_image(scene, "/real", blank, canvas.size, left=GAP * width)
-        self.recorded_image.visible = False
-        self.recorded_label = scene.add_label(
-            "/real/name", "recorded", position=(0.0, 0.54 * height, 0.0), anchor="top-center", visible=False
-        )
-        self.arrow = scene.add_arrows(
-            "/force", EMPTY.astype(np.float32), FORCE, shaft_radius=0.035, visible=False
-        )
+        above = (0.0, 0.54 * height, 0.0)
+        self.recorded_label = scene.add_label("/real/name", "recorded", anchor="top-center", position=above)
+        self.recorded_image.visible = self.recorded_label.visible = False
+        self.arrow = scene.add_arrows("/force", EMPTY, FORCE, shaft_radius=0.035, visible=False)
         self.arrow.head_radius, self.arrow.head_length = 0.091, 0.175
         # lines have no heads, which would stay visible where nothing moves
         self.velocity = draw_lines(scene, "/velocity", EMPTY, FIELD, thick=0.02)
@@ -89,7 +86,10 @@ class SceneView:
         if grasp is None:
             return
         place = grasp.place(snapshot.q)
-        self.brush.points = draw_ring(self.canvas, place, self.grasp_model.radius_px)
+        angle = np.linspace(0.0, 2.0 * np.pi, CORNERS)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ self.canvas.axes
+        ring = self.canvas.to_scene(place + self.grasp_model.radius_px * circle)
+        self.brush.points = to_segments(ring).astype(np.float32)
         tip = place + grasp.force / self.grasp_model.gain
         self.arrow.visible = bool(np.linalg.norm(tip - place) > SHORTEST_PX)
         self.arrow.points = self.canvas.to_scene(np.stack([place, tip])[None], layer=2).astype(np.float32)
@@ -114,17 +114,9 @@ class SceneView:
 
 
 def open_canvas(
-    server: viser.ViserServer, operating_point: OperatingPoint, *, side: int, window: int
+    server: viser.ViserServer, operating_point: OperatingPoint, renderer: FrameRenderer, *, window: int
 ) -> Canvas:
-    """Open the canvas for a run: one image of ``side`` px, or in space one of ``window`` px per visitor."""
-    renderer = open_renderer(operating_point.autoencoder, operating_point.chart, side=side)
+    """Open the canvas for a run: one image, or in space one of ``window`` px for each visitor."""
     if isinstance(renderer, ImageRenderer):
         return ImageCanvas(server, operating_point, renderer)
-    return CameraCanvas(server, operating_point, renderer, side=window)
-
-
-def draw_ring(canvas: Canvas, center: Float64[np.ndarray, " n"], radius_px: float) -> np.ndarray:
-    """Make a circle around ``center`` as segments of the scene, in the plane of the latest drag."""
-    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS)
-    circle = center + radius_px * (np.stack([np.cos(angle), np.sin(angle)], axis=1) @ canvas.axes)
-    return to_segments(canvas.to_scene(circle)).astype(np.float32)
+    return CameraCanvas(server, operating_point, renderer, window)

@@ -54,13 +54,11 @@ class ViewerServer:
         _require_address(config.host)
         self.session, self.title, self.folder = session, title, folder
         training_side = max(operating_point.kinematics.height, operating_point.kinematics.width)
-        self.renderer, self.small_renderer = (
-            open_renderer(operating_point.autoencoder, operating_point.chart, side=side)
-            for side in (config.side, training_side)
-        )
+        self.renderer = open_renderer(operating_point, side=config.side)
+        self.small_renderer = open_renderer(operating_point, side=training_side)
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
         restrict_access(self.server, loopback_only=warn_of_open_host(config.host) is None)
-        canvas = open_canvas(self.server, operating_point, side=config.side, window=config.window)
+        canvas = open_canvas(self.server, operating_point, self.renderer, window=config.window)
         self.scene_view = SceneView(self.server, session, canvas, read_frame=read_frame, residual=residual)
         self.loop = RealtimeLoop(
             session, self._draw, pictures_hz=config.pictures_hz, report_error=self._refuse
@@ -70,8 +68,7 @@ class ViewerServer:
         self.holder_id: int | None = None
         self.drag: Drag | None = None
         self.saving = threading.Lock()
-        canvas.on_drag(self._drag)
-        canvas.on_camera_change(lambda: self.loop.submit(lambda s: None))
+        canvas.listen(self._drag, lambda: self.loop.submit(lambda s: None))
         self.loop.start()
 
     @property

@@ -20,15 +20,6 @@ ARROW = (255, 122, 26)
 FRACTION_BITS = 4  # of a position in OpenCV, so that an arrow moves smoothly
 
 
-def history_to_log(history: SessionHistory, meta: dict[str, Any], *, center: tuple[float, ...]) -> SessionLog:
-    """Convert a history to columns without NaN: where nothing is grasped, the place is ``center``."""
-    grasped = np.isfinite(history.place).all(1)
-    columns = {name: getattr(history, name) for name in COLUMNS}
-    columns["place"] = np.where(grasped[:, None], history.place, center)
-    columns["clip"] = history.clip[:, None].astype(np.float64)
-    return SessionLog(history.dt_s, columns, meta)
-
-
 def load_history(path: Path) -> SessionHistory:
     """Read the history of a session, which can be replayed, from its MCAP file."""
     log = read_session(path)
@@ -52,9 +43,14 @@ def export_session(
     Raises:
         FileExistsError: the MCAP file exists already.
     """
+    # no NaN in the file: where nothing is grasped, the place is the centre
+    grasped = np.isfinite(history.place).all(1)
+    columns = {name: getattr(history, name) for name in COLUMNS}
+    columns["place"] = np.where(grasped[:, None], history.place, renderer.center)
+    columns["clip"] = history.clip[:, None].astype(np.float64)
     images = ImageTopic("/camera/session", history.time_s, (small_renderer.draw(q) for q in history.q))
     mcap, video, animation = (stem.with_suffix(suffix) for suffix in (".mcap", ".mp4", ".gif"))
-    save_session(mcap, history_to_log(history, meta, center=renderer.center), pictures=[images])
+    save_session(mcap, SessionLog(history.dt_s, columns, meta), pictures=[images])
     save_mp4(video, _frames(history, renderer, gain=gain, rate_hz=VIDEO_HZ), rate_hz=VIDEO_HZ)
     last = _frames(history, small_renderer, gain=gain, rate_hz=GIF_HZ, since_s=history.time_s[-1] - GIF_S)
     save_gif(animation, last, rate_hz=GIF_HZ)

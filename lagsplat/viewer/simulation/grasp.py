@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
+from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint, compute_static_stiffness
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
@@ -117,15 +118,13 @@ class Grasp:
 class GraspModel:
     """Turns a drag into a force: the radius of the brush and the force per pixel of drag.
 
-    The ``gain`` [energy per px^2] is chosen from the stiffness at rest: a drag of ``drag_px`` on the object
-    moves the state by the share ``response`` of the visited radius.
+    The ``gain`` [energy per px^2] is chosen from the stiffness at rest: a drag of ``reach`` image widths on
+    the object moves the state by the share `ForcesConfig.response` of the visited radius.
     """
 
-    def __init__(
-        self, operating_point: OperatingPoint, *, radius_px: float, drag_px: float, response: float
-    ) -> None:
+    def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig, *, reach: float) -> None:
         kinematics, rest = operating_point.kinematics, operating_point.rest[None]
-        self.kinematics, self.radius_px = kinematics, radius_px
+        self.kinematics, self.radius_px = kinematics, forces.brush * kinematics.width
         present = kinematics.presence(rest)[0] > PRESENT
         jacobian = kinematics.geometry.jacobian
         motion = jacobian.flatten(1).norm(dim=1)
@@ -139,7 +138,8 @@ class GraspModel:
         values = values.abs().clamp(min=WEAKEST * float(values.abs().max()))
         compliance = (vectors / values) @ vectors.T
         answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
-        self.gain = response * operating_point.visited_radius / (float(answers.median()) * drag_px)
+        drag_px = reach * kinematics.width
+        self.gain = forces.response * operating_point.visited_radius / (float(answers.median()) * drag_px)
 
     def grasp(self, q: Vector, at: Point | Place, *, gaussian: int | None = None) -> Grasp:
         """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet.

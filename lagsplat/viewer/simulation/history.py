@@ -105,11 +105,6 @@ class RecordedData:
         start, stop = next((a, b) for a, b in self.segments if a <= frame < b)
         return frame + 1 if frame + 1 < stop else start
 
-    def require_frame(self, frame: int) -> None:
-        """Raise a ValueError unless a clip contains ``frame``."""
-        if not any(a <= frame < b for a, b in self.segments):
-            raise ValueError(f"frame {frame} is not in the recording of frames 0 to {self.n_frames - 1}")
-
 
 def read_recorded_data(chart: Chart, *, names: tuple[str, ...], units: tuple[str, ...]) -> RecordedData:
     """Read the recording of a chart, smoothed as for the fit; velocities are central differences."""

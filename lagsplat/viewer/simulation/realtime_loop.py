@@ -53,14 +53,10 @@ Command = Callable[[Session], Any]
 
 
 class RealtimeLoop:
-    """Runs a session in two threads from `start` until `stop`.
+    """Runs a session in two threads from `start` until `stop`; no other thread may call it meanwhile.
 
-    Args:
-        session: the session; no other thread may call it while the loop runs.
-        draw: called with snapshots in a thread of its own, never twice at once; snapshots that come faster
-            than it draws are skipped.
-        pictures_hz: largest number of calls of ``draw`` a second.
-        report_error: called with the reason why a command was refused.
+    ``draw`` is called with snapshots in a thread of its own, at most ``pictures_hz`` times a second; those
+    that come faster are skipped. ``report_error`` is called with the reason why a command was refused.
     """
 
     def __init__(
@@ -79,9 +75,9 @@ class RealtimeLoop:
         self.updated, self.latest = threading.Condition(), session.snapshot()
         self.step_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
         self.frame_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
+        bodies = {"dynamics": self._run_dynamics, "drawing": self._run_drawing}
         self.threads = [
-            threading.Thread(target=self._run_dynamics, name="dynamics", daemon=True),
-            threading.Thread(target=self._run_drawing, name="drawing", daemon=True),
+            threading.Thread(target=body, name=name, daemon=True) for name, body in bodies.items()
         ]
 
     def start(self) -> None:
@@ -160,10 +156,8 @@ class RealtimeLoop:
         drawn_snapshot: Snapshot | None = None
         while not self.stopping.is_set():
             with self.updated:
-                self.updated.wait_for(
-                    lambda: self.latest is not drawn_snapshot or self.stopping.is_set(),  # noqa: B023
-                    timeout=IDLE_S,
-                )
+                if self.latest is drawn_snapshot and not self.stopping.is_set():
+                    self.updated.wait(IDLE_S)
                 snapshot = self.latest
             if snapshot is drawn_snapshot or self.stopping.is_set():
                 continue

@@ -69,12 +69,7 @@ class Session:
         self.operating_point, self.recorded = operating_point, recorded
         self.config, self.forces = config, forces
         self.dt_s = operating_point.chart.dt_s
-        radius_px, drag_px = (
-            share * operating_point.kinematics.width for share in (forces.brush, config.reach)
-        )
-        self.grasp_model = GraspModel(
-            operating_point, radius_px=radius_px, drag_px=drag_px, response=forces.response
-        )
+        self.grasp_model = GraspModel(operating_point, forces, reach=config.reach)
         self.coverage = measure_coverage(operating_point.chart, beyond=config.beyond)
         self.edits, self.law = UNTOUCHED, make_fast_lagrangian(operating_point.law)
         self.u = operating_point.u.numpy().copy()
@@ -170,7 +165,10 @@ class Session:
         Raises:
             ValueError: the recording has no such frame.
         """
-        self.recorded.require_frame(frame)
+        if not any(a <= frame < b for a, b in self.recorded.segments):
+            raise ValueError(
+                f"frame {frame} is not one of frames 0 to {self.recorded.n_frames - 1} of the recording"
+            )
         self.u = self.recorded.u[frame].copy()
         self._reset(self.recorded.q[frame].copy(), self.recorded.v[frame].copy(), frame)
 

@@ -3,7 +3,6 @@
 import base64
 import html
 import json
-from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
 from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, SpdField
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
-from lagsplat.viewer.simulation.history import RecordedData
 from lagsplat.viewer.simulation.session import Session
 
 MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
@@ -78,64 +76,74 @@ def pack_page(session: Session) -> dict[str, Any]:
             "the mass of this run is induced by its decoder: a page does not compute that; export a run "
             "whose mass is learned or constant, or push this one with lagsplat view"
         )
-    return {
+    inputs = np.concatenate([recorded.u, operating_point.u.numpy()[None]])
+    start, stop = max(recorded.segments, key=lambda clip: clip[1] - clip[0])
+    kept = slice(start, min(stop, start + FRAMES))
+    columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
+    field = AccelerationField(operating_point)
+    fastest = field.largest(np.abs(recorded.v).max(0))
+    page = {
         "d": operating_point.law.d,
         "dt": session.dt_s,
-        "rest": operating_point.rest.tolist(),
+        "rest": operating_point.rest,
         "reach": operating_point.visited_radius,
         "divergence": session.config.divergence,
         "gain": session.grasp_model.gain,
         "brush": session.grasp_model.radius_px,
         "law": pack_law(law),
-        "splats": _splats(session),
-        "coverage": {
-            "points": session.coverage.points.tolist(),
-            "root": session.coverage.root.tolist(),
-            "radius": session.coverage.radius,
+        "splats": _pack_splats(operating_point),
+        "coverage": vars(session.coverage),
+        "inputs": {
+            "names": recorded.names,
+            "units": recorded.units,
+            "mean": operating_point.u,
+            "low": inputs.min(0),
+            "high": inputs.max(0),
         },
-        "inputs": _inputs(session),
-        "recorded": _recorded(recorded),
-        "outline": [np.round(line, 2).tolist() for line in trace_rest_outline(operating_point)],
-        "field": _field(session),
+        "recorded": {name: np.round(values, 6) for name, values in columns.items()},
+        "outline": [np.round(line, 2) for line in trace_rest_outline(operating_point)],
+        "field": {"chosen": field.chosen, "scale": SWING * field.cell / fastest},
     }
+    return to_plain(page)
+
+
+def to_plain(value: Any) -> Any:
+    """Replace arrays, tensors and tuples by lists, to any depth."""
+    if isinstance(value, dict):
+        return {name: to_plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(item) for item in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
     """Pack the numbers of a law under the names that ``assets/law.js`` reads."""
     names = ("inner", "innerBias", "outer", "outerBias")
-    arrays = {
+    packed = {
+        "unit": law.unit_s,
+        "longestStep": min(law.longest_step, 1e300),  # JSON has no infinity
+        "signed": law.signed,
+        "blocks": [dict(zip(names, block, strict=True)) for block in law.blocks],
         "stiffness": law.stiffness,
         "restImage": law.rest_image,
         "restSlope": law.rest_slope,
         "pressureMap": law.pressure_map,
         "curvature": law.curvature,
-    }
-    return {
-        "unit": law.unit_s,
-        "longestStep": min(law.longest_step, 1e300),  # JSON has no infinity
-        "signed": law.signed,
-        "blocks": [_pack_arrays(names, block) for block in law.blocks],
-        **_pack_arrays(arrays, arrays.values()),
         "convex": pack_convex_net(law.convex),
         "volume": pack_convex_net(law.volume),
         "mass": pack_spd_field(law.mass),
         "damping": pack_spd_field(law.damping),
     }
+    return to_plain(packed)
 
 
-def _pack_arrays(names: Iterable[str], arrays: Iterable[np.ndarray | None]) -> dict[str, Any]:
-    return {
-        name: None if array is None else array.tolist() for name, array in zip(names, arrays, strict=True)
-    }
-
-
-def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
+def pack_gaussians(operating_point: OperatingPoint) -> Float32[np.ndarray, "K row"]:
     """Pack the Gaussians in whitened coordinates and pixels of the training resolution, one row each.
 
     A row holds the position at ``q = 0``, the Jacobian of x, y and, in space, z, offset and factor of the
     gate, opacity, colour and covariance, padded to whole texels.
     """
-    kinematics, gaussians = session.operating_point.kinematics, session.operating_point.autoencoder.gaussians
+    kinematics, gaussians = operating_point.kinematics, operating_point.autoencoder.gaussians
     geometry = kinematics.geometry
     with torch.no_grad():
         color, covariance = gaussians.color_logit.sigmoid().cpu(), gaussians.covariance().cpu()
@@ -153,72 +161,41 @@ def pack_gaussians(session: Session) -> Float32[np.ndarray, "K row"]:
     return np.pad(table, ((0, 0), (0, -table.shape[1] % TEXEL)))
 
 
-def _splats(session: Session) -> dict[str, Any]:
-    operating_point, table = session.operating_point, pack_gaussians(session)
-    kinematics = operating_point.kinematics
-    with torch.no_grad():
-        background = operating_point.autoencoder.gaussians.background().cpu().tolist()
+def _pack_splats(operating_point: OperatingPoint) -> dict[str, Any]:
+    kinematics, table = operating_point.kinematics, pack_gaussians(operating_point)
     return {
         "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
         "count": len(table),
         "d": kinematics.d,
         "space": kinematics.space,
-        "camera": None if kinematics.space == 2 else _camera(operating_point),
-        "background": background,
+        "camera": None if kinematics.space == 2 else _pack_camera(operating_point),
+        "background": operating_point.autoencoder.gaussians.background().detach().cpu(),
         "height": kinematics.height,
         "width": kinematics.width,
     }
 
 
-def _camera(operating_point: OperatingPoint) -> dict[str, Any]:
+def _pack_camera(operating_point: OperatingPoint) -> dict[str, Any]:
     """Pack the recording camera, the Gaussians that can be dragged and their median depth at rest."""
     kinematics, rest = operating_point.kinematics, operating_point.rest[None]
     moves = select_moving(kinematics)
     visible = moves & (kinematics.presence(rest)[0].numpy() > PRESENT)
     depth = kinematics.places(rest)[0, :, 2].numpy()[visible if visible.any() else moves]
-    return {
-        "lens": operating_point.autoencoder.lens,
-        "moves": np.flatnonzero(moves).tolist(),
-        "depth": float(np.median(depth)),
-    }
-
-
-def _inputs(session: Session) -> dict[str, Any]:
-    recorded, mean = session.recorded, session.operating_point.u.numpy()
-    stacked = np.concatenate([recorded.u, mean[None]])
-    return {
-        "names": list(recorded.names),
-        "units": list(recorded.units),
-        "mean": mean.tolist(),
-        "low": stacked.min(0).tolist(),
-        "high": stacked.max(0).tolist(),
-    }
-
-
-def _recorded(recorded: RecordedData) -> dict[str, Any]:
-    start, stop = max(recorded.segments, key=lambda clip: clip[1] - clip[0])
-    kept = slice(start, min(stop, start + FRAMES))
-    columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
-    return {name: np.round(values, 6).tolist() for name, values in columns.items()}
-
-
-def _field(session: Session) -> dict[str, Any]:
-    field = AccelerationField(session.operating_point)
-    fastest = field.largest(np.abs(session.recorded.v).max(0))
-    return {"chosen": field.chosen.tolist(), "scale": SWING * field.cell / fastest}
+    lens = operating_point.autoencoder.lens
+    return {"lens": lens, "moves": np.flatnonzero(moves), "depth": np.median(depth)}
 
 
 def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
-    """Pack the weights of a convex network as lists; None for no network."""
+    """Pack the weights of a convex network; None for no network."""
     if net is None:
         return None
     names = ("first", "firstBias", "second", "secondBias", "between", "head")
     arrays = (net.first, net.first_bias, net.second, net.second_bias, net.between, net.head)
-    return _pack_arrays(names, arrays)
+    return to_plain(dict(zip(names, arrays, strict=True)))
 
 
 def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:
-    """Pack a mass or damping matrix as lists; ``net`` is None if it is constant."""
+    """Pack a mass or damping matrix; ``net`` is None if it is constant."""
     names = ("first", "firstBias", "second", "secondBias", "third")
-    net = None if field.net is None else _pack_arrays(names, field.net)
-    return {"lower": field.lower.tolist(), "floor": field.floor, "net": net}
+    net = None if field.net is None else dict(zip(names, field.net, strict=True))
+    return to_plain({"lower": field.lower, "floor": field.floor, "net": net})

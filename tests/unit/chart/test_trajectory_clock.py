@@ -52,5 +52,5 @@ def test_times_between_clips_do_not_count() -> None:
     clock = read_time_base(time_s, pairs)
     assert clock.dt_s == pytest.approx(0.1)
     assert clock.time_s is None
-    with pytest.raises(ValueError, match=r"no two of 10 frame\(s\) are in one clip"):
+    with pytest.raises(ValueError, match=r"no two of 10 frame\(s\) share a clip"):
         read_time_base(time_s, tuple((a, a + 1) for a in range(10)))

@@ -26,10 +26,7 @@ def saved(tmp_path_factory):
     one.to_frame(5)
     for _ in range(20):
         one.step()
-    renderer, small_renderer = (
-        open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=side)
-        for side in (64, 32)
-    )
+    renderer, small_renderer = (open_renderer(one.operating_point, side=side) for side in (64, 32))
     stem = tmp_path_factory.mktemp("session") / "session_001"
     meta = {"inputs": ["push"], "title": "strip"}
     paths = export_session(
@@ -74,7 +71,7 @@ def test_the_video_shows_the_motion_and_the_arrow(saved):
 
 def test_an_arrow_points_along_the_drag(saved):
     one, _ = saved
-    renderer = open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=64)
+    renderer = open_renderer(one.operating_point, side=64)
     plain = renderer.draw(one.q)
     drawn = draw_drag_arrow(plain, renderer, np.array([10.0, 12.0]), np.array([8.0, 0.0]))
     _, columns = np.nonzero(np.abs(drawn.astype(int) - plain).sum(2) > 60)
@@ -87,7 +84,7 @@ def test_a_session_in_space_keeps_its_forces_and_is_refused_by_a_planar_run(tmp_
     one.pull(np.array([4.0, 0.0, 2.0]))
     for _ in range(30):
         one.step()
-    renderer = open_renderer(one.operating_point.autoencoder, one.operating_point.chart, side=64)
+    renderer = open_renderer(one.operating_point, side=64)
     export_session(
         tmp_path / "s", one.history.read(), renderer, {}, gain=one.grasp_model.gain, small_renderer=renderer
     )
@@ -118,7 +115,7 @@ def test_files_that_are_no_session_are_refused(saved, tmp_path):
     (tmp_path / "short.mcap").write_bytes(mcap.read_bytes()[:2000])
     with pytest.raises(ValueError, match="MCAP file"):
         read_session(tmp_path / "short.mcap")
-    renderer = open_renderer(saved[0].operating_point.autoencoder, saved[0].operating_point.chart, side=16)
+    renderer = open_renderer(saved[0].operating_point, side=16)
     with pytest.raises(FileExistsError, match="left as it is"):
         export_session(
             mcap.with_suffix(""), saved[0].history.read(), renderer, {}, gain=1.0, small_renderer=renderer
