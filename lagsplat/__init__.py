@@ -16,12 +16,11 @@ if TYPE_CHECKING:
     from lagsplat.io.read import read_trajectory as read_trajectory
     from lagsplat.io.recording.recording import Recording as Recording
     from lagsplat.io.trajectory.trajectory import Trajectory as Trajectory
+    from lagsplat.pipelines.apply_diagnosis import apply_diagnosis as apply_diagnosis
     from lagsplat.pipelines.diagnose_data import DiagnosisReport as Diagnosis
     from lagsplat.pipelines.diagnose_data import diagnose as diagnose
     from lagsplat.pipelines.diagnose_data import load_diagnosis as load_diagnosis
     from lagsplat.pipelines.evaluate import evaluate as evaluate
-    from lagsplat.pipelines.steps import apply_diagnosis as apply_diagnosis
-    from lagsplat.pipelines.steps import export_page as export_page
     from lagsplat.pipelines.steps import find_lever as find_lever
     from lagsplat.pipelines.steps import fit_autoencoder as fit_autoencoder
     from lagsplat.pipelines.steps import fit_chart as fit_chart
@@ -30,7 +29,8 @@ if TYPE_CHECKING:
     from lagsplat.pipelines.steps import push as push
     from lagsplat.pipelines.steps import read_recording as read_recording
     from lagsplat.pipelines.steps import simulate_recording as simulate_recording
-    from lagsplat.pipelines.steps import view as view
+    from lagsplat.pipelines.view import export_page as export_page
+    from lagsplat.pipelines.view import view as view
     from lagsplat.runs.fit import fit_run as fit_run
     from lagsplat.runs.run import FittedRun as FittedRun
     from lagsplat.runs.run import open_run as open_run
@@ -52,12 +52,12 @@ _HOMES = {
     "OperatingPoint": "lagsplat.forces.equilibrium",
     "Recording": "lagsplat.io.recording.recording",
     "Trajectory": "lagsplat.io.trajectory.trajectory",
-    "apply_diagnosis": "lagsplat.pipelines.steps",
+    "apply_diagnosis": "lagsplat.pipelines.apply_diagnosis",
     "compose": "lagsplat.config.compose",
     "diagnose": "lagsplat.pipelines.diagnose_data",
     "effects": "lagsplat.diagnose.effects.registry:list_effects",
     "evaluate": "lagsplat.pipelines.evaluate",
-    "export_page": "lagsplat.pipelines.steps",
+    "export_page": "lagsplat.pipelines.view",
     "find_lever": "lagsplat.pipelines.steps",
     "fit_autoencoder": "lagsplat.pipelines.steps",
     "fit_chart": "lagsplat.pipelines.steps",
@@ -72,7 +72,7 @@ _HOMES = {
     "read_trajectory": "lagsplat.io.read",
     "rollout": "lagsplat.runs.run",
     "simulate_recording": "lagsplat.pipelines.steps",
-    "view": "lagsplat.pipelines.steps",
+    "view": "lagsplat.pipelines.view",
 }
 """Where each public name is defined: its module, and its name there where that differs."""
 

@@ -1,1 +1,1 @@
-"""The command line ``lagsplat VERB ...``: `main.main` parses it, `run` and `diagnose` hold the verbs."""
+"""The command line ``lagsplat VERB ...``: `main.main` parses it, and `verbs` does what it says."""

@@ -1,7 +1,7 @@
 """The command line: ``lagsplat VERB ...``, its help and its exit codes.
 
-This module loads nothing but the standard library. Each verb names its handler, which is imported when the
-verb runs, so that ``--help`` answers at once.
+This module loads nothing but the standard library, so that ``--help`` answers at once. The function of a verb
+has its name in `lagsplat.cli.verbs`, which is imported when a verb runs.
 """
 
 import argparse
@@ -9,7 +9,6 @@ import logging
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, NoReturn
 
 INVALID = 2
@@ -30,7 +29,6 @@ class Verb:
     usage: tuple[str, ...]  # ways to call it, without `lagsplat` and the verb
     keys: tuple[tuple[str, str], ...]  # each `key=VALUE` it takes, and what it is for
     example: str
-    handler: str  # `module:function`; it takes the parsed arguments
     flags: tuple[tuple[str, str], ...] = ()  # each `--flag` it takes, and what it does
 
 
@@ -41,14 +39,12 @@ VERBS = {
         usage=("FILE|FOLDER [key=value ...]",),
         keys=(CONFIGURATION,),
         example="lagsplat inspect pendulum.mp4",
-        handler="lagsplat.cli.verbs:inspect_file",
     ),
     "fit": Verb(
         summary="Fit image model, chart and dynamics to one recording, in one process.",
         usage=("out=FOLDER [key=value ...]",),
         keys=(("out=FOLDER", "where the artefacts are written; required"), CONFIGURATION),
         example="lagsplat fit out=run profile=quick recording=filmed recording.path=arm.npz",
-        handler="lagsplat.cli.verbs:fit_recording",
     ),
     "simulate": Verb(
         summary="Simulate a fitted run, or a simulator with its diagnosed effects.",
@@ -68,7 +64,6 @@ VERBS = {
             ("input_hold=...", "linear or zoh, between two samples of the input"),
         ),
         example="lagsplat simulate run=run out=q.csv input=pressures.csv",
-        handler="lagsplat.cli.verbs:simulate",
     ),
     "diagnose": Verb(
         summary="Name the physical effects by which a real mechanism differs from its simulator.",
@@ -83,7 +78,6 @@ VERBS = {
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.columns.q0=angle"),
         ),
         example="lagsplat diagnose sim=model.xml real=log.csv out=diagnosis",
-        handler="lagsplat.cli.verbs:diagnose",
     ),
     "apply": Verb(
         summary="Add the effects of a diagnosis to a simulator.",
@@ -96,7 +90,6 @@ VERBS = {
             ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
         ),
         example="lagsplat apply diagnosis=diagnosis/diagnosis.json out=augmented.safetensors",
-        handler="lagsplat.cli.verbs:apply",
     ),
     "evaluate": Verb(
         summary="Score a fitted run on the held-out part of its recording.",
@@ -107,7 +100,6 @@ VERBS = {
             ("evaluate.KEY=VALUE", "settings of conf/evaluate that differ from the run's"),
         ),
         example="lagsplat evaluate run=run out=metrics.json evaluate.starts=20",
-        handler="lagsplat.cli.verbs:evaluate",
     ),
     "view": Verb(
         summary="Push a fitted run in the browser.",
@@ -124,7 +116,6 @@ VERBS = {
         ),
         flags=(("--no-browser", "serve the page without opening a browser"),),
         example="lagsplat view run viewer.port=8081",
-        handler="lagsplat.cli.verbs:view",
     ),
     "export": Verb(
         summary="Write a fitted run as one web page, as a log for Foxglove, or as Gaussians.",
@@ -145,7 +136,6 @@ VERBS = {
             ("--ply", "one state, for viewers of Gaussians"),
         ),
         example="lagsplat export run --html out=run.html",
-        handler="lagsplat.cli.verbs:export",
     ),
     "weights": Verb(
         summary="Download the published weights of the baselines.",
@@ -153,7 +143,6 @@ VERBS = {
         keys=(("out=FOLDER", "where they are kept, for baseline.weights=FOLDER"),),
         flags=(("--download", "fetch them; without it only their terms are printed"),),
         example="lagsplat weights --download out=weights",
-        handler="lagsplat.cli.verbs:download_weights",
     ),
 }
 
@@ -171,8 +160,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from lagsplat.provenance import let_waiting_threads_sleep
 
         let_waiting_threads_sleep()
-        module, _, function = VERBS[verb].handler.partition(":")
-        getattr(import_module(module), function)(given)
+        from lagsplat.cli import verbs
+
+        getattr(verbs, verb)(given)
     except (ValueError, OSError) as error:
         print(f"lagsplat {verb}: {error}", file=sys.stderr)
         return INVALID
@@ -182,18 +172,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def split_words(
-    words: list[str], *, needed: tuple[str, ...] = (), allowed: tuple[str, ...]
+    words: list[str],
+    *,
+    needed: tuple[str, ...] = (),
+    allowed: tuple[str, ...] = (),
+    settings: tuple[str, ...] = ("",),
 ) -> tuple[dict[str, str], list[str]]:
     """The values of a verb's own keys, and the words left over: overrides of the configuration.
 
+    Every override must begin with one of ``settings``.
+
     Raises:
-        CommandError: a needed key is missing or empty.
+        CommandError: a needed key is missing or empty, or an override is of something else.
     """
     pairs = [(word, *word.partition("=")[::2]) for word in words]
-    values = {key: value for _, key, value in pairs if key in allowed}
+    values = {key: value for _, key, value in pairs if key in (*needed, *allowed)}
+    overrides = [word for word, key, _ in pairs if key not in (*needed, *allowed)]
     if missing := [key for key in needed if not values.get(key)]:
         raise CommandError(f"{missing[0]}=... is missing")
-    return values, [word for word, key, _ in pairs if key not in allowed]
+    if others := [word for word in overrides if not word.startswith(settings)]:
+        known = ", ".join([*needed, *allowed, *(f"{prefix}key" for prefix in settings)])
+        raise CommandError(f"takes {known}, not {others[0]!r}: other settings have no effect here")
+    return values, overrides
 
 
 class _Parser(argparse.ArgumentParser):
@@ -235,7 +235,7 @@ def full_parser() -> argparse.ArgumentParser:
         epilog=f"usage of each verb:\n{calls}\n\n`lagsplat VERB --help` explains its keys.\n\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action=_PrintVersion)
+    parser.add_argument("--version", action="store_true", help="print the version")
     parser.add_argument(
         "--print-completion", choices=("bash", "zsh", "tcsh"), help="print a completion script for this shell"
     )
@@ -243,19 +243,6 @@ def full_parser() -> argparse.ArgumentParser:
     for name, verb in VERBS.items():
         verb_parser(name, verbs.add_parser(name, help=verb.summary))
     return parser
-
-
-class _PrintVersion(argparse.Action):
-    """Print the version; asked of the installed distribution only when it is wanted."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(nargs=0, help="print the version", **options)
-
-    def __call__(self, *_: object) -> NoReturn:
-        from importlib.metadata import version
-
-        print(f"lagsplat {version('lagsplat')}")
-        raise SystemExit(0)
 
 
 def _run_without_verb(words: list[str]) -> int:
@@ -269,6 +256,10 @@ def _run_without_verb(words: list[str]) -> int:
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         raise CommandError(f"no such verb{hint}; choose {', '.join(VERBS)}")
     given = parser.parse_args(words)
+    if given.version:
+        from importlib.metadata import version
+
+        print(f"lagsplat {version('lagsplat')}")
     if given.print_completion:
         import shtab
 

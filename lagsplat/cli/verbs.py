@@ -1,4 +1,4 @@
-"""What each verb of the command line does, from its words to its printed lines."""
+"""What each verb of the command line does, from its words to its printed lines, in a function of its name."""
 
 import os
 import sys
@@ -7,17 +7,16 @@ from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from lagsplat.cli.main import CommandError, split_words
 from lagsplat.config.compose import compose
 from lagsplat.provenance import set_threads
 
-FITTED_RUN_KEYS = ("run", "out", "input", "seconds", "frame")
-AUGMENTED_KEYS = ("run", "out", "input", "seconds", "initial", "input_hold")
+FITTED_RUN_KEYS = ("input", "seconds", "frame")
+AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
 
 
-def inspect_file(given: Namespace) -> None:
+def inspect(given: Namespace) -> None:
     """Print what a recording, a video or a log holds."""
     words = given.words
     if not words or "=" in words[0]:
@@ -25,17 +24,15 @@ def inspect_file(given: Namespace) -> None:
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
+    from lagsplat.io.mcap.recording import survey_mcap
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
     from lagsplat.io.recording.segments import split_train_held_out
     from lagsplat.pipelines.steps import reading_overrides
-    from lagsplat.report.inspection import describe_recording, describe_video, propose_system
+    from lagsplat.report import inspection
 
     if path.suffix == ".mcap":
-        from lagsplat.io.mcap.recording import survey_mcap
-        from lagsplat.report.inspection import describe_mcap
-
-        print(describe_mcap(survey_mcap(path)))
+        print(inspection.describe_mcap(survey_mcap(path)))
         if not any(word.startswith("recording.mcap.camera=") for word in words):
             return
         print()
@@ -44,24 +41,21 @@ def inspect_file(given: Namespace) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording = load_recording(path) if is_artefact else read_recording(experiment.recording)
-    print(
-        describe_recording(
-            split_train_held_out(recording, experiment.recording.split), config=experiment.evaluate
-        )
-    )
+    divided = split_train_held_out(recording, experiment.recording.split)
+    print(inspection.describe_recording(divided, config=experiment.evaluate))
     if recording.meta.get("footage"):
-        description = describe_video(recording)
+        description = inspection.describe_video(recording)
         print(description)
         for text in (str(warning.message) for warning in caught):
             if text.partition(": ")[2] not in description:
                 print(f"warning    {text}")
         if experiment.recording.kind == "video":
-            print(propose_system(recording, path=path, settings=experiment.recording))
+            print(inspection.propose_system(recording, path=path, settings=experiment.recording))
 
 
-def fit_recording(given: Namespace) -> None:
+def fit(given: Namespace) -> None:
     """Fit every stage to one recording."""
-    keys, overrides = split_words(given.words, needed=("out",), allowed=("out",))
+    keys, overrides = split_words(given.words, needed=("out",))
     experiment = compose(*overrides)
     from lagsplat.runs.fit import fit_run
 
@@ -72,34 +66,38 @@ def fit_recording(given: Namespace) -> None:
 
 def simulate(given: Namespace) -> None:
     """Simulate a fitted run, or an augmented simulator where ``run=`` is a file."""
-    if any(Path(word[4:]).is_file() for word in given.words if word.startswith("run=")):
-        _simulate_augmented(given.words)
-        return
-    keys, rest = split_words(given.words, needed=("run", "out"), allowed=FITTED_RUN_KEYS)
-    if rest:
-        raise CommandError(
-            f"simulate takes {', '.join(FITTED_RUN_KEYS)} alone, not {rest[0]!r}: a run keeps its settings"
-        )
-    _require_one_duration(keys)
+    augmented = any(Path(word[4:]).is_file() for word in given.words if word.startswith("run="))
+    allowed = AUGMENTED_KEYS if augmented else FITTED_RUN_KEYS
+    keys, _ = split_words(given.words, needed=("run", "out"), allowed=allowed, settings=())
+    if "input" in keys and "seconds" in keys:
+        raise CommandError("input= and seconds= exclude each other: a file of inputs has its own length")
+    time_s, q, v = _simulate_augmented(keys) if augmented else _simulate_run(keys)
+    from lagsplat.io.files.atomic import save_csv
+
+    rows = []
+    for t, state, velocity in zip(time_s, q, v, strict=True):
+        states = {f"q{i}": value for i, value in enumerate(state)}
+        rows.append({"t": t} | states | {f"v{i}": value for i, value in enumerate(velocity)})
+    save_csv(keys["out"], rows)
+    print(keys["out"])
+
+
+def _simulate_run(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (N,) [s], states (N, d) and velocities (N, d) [1/s] of a fitted run."""
     from lagsplat.io.files.atomic import load_inputs
     from lagsplat.runs.run import open_run, rollout
 
     run = open_run(Path(keys["run"]))
-    dt_s, n_u = run.chart.dt_s, run.chart.inputs.shape[1]
     if "input" in keys:
-        time_s, inputs = load_inputs(keys["input"], dt_s=dt_s)
+        time_s, inputs = load_inputs(keys["input"], dt_s=run.chart.dt_s)
     else:
-        time_s = np.arange(0.0, float(keys.get("seconds", "10")), dt_s)
-        inputs = np.zeros((len(time_s), n_u))
-    q, v = rollout(run, inputs, frame=int(keys["frame"]) if "frame" in keys else None)
-    _save_states(keys["out"], time_s, q, v)
+        time_s = np.arange(0.0, float(keys.get("seconds", "10")), run.chart.dt_s)
+        inputs = np.zeros((len(time_s), run.chart.inputs.shape[1]))
+    return time_s, *rollout(run, inputs, frame=int(keys["frame"]) if "frame" in keys else None)
 
 
-def _simulate_augmented(words: list[str]) -> None:
-    keys, rest = split_words(words, needed=("run", "out"), allowed=AUGMENTED_KEYS)
-    if rest:
-        raise CommandError(f"simulate takes {', '.join(AUGMENTED_KEYS)} for such a file, not {rest[0]!r}")
-    _require_one_duration(keys)
+def _simulate_augmented(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of an augmented simulator."""
     input_hold = keys.get("input_hold")
     if input_hold not in (None, "linear", "zoh"):
         raise CommandError(f"input_hold={input_hold}: choose linear or zoh")
@@ -113,42 +111,19 @@ def _simulate_augmented(words: list[str]) -> None:
     else:
         time_s = np.arange(0.0, float(keys.get("seconds", "10")), sim.dt_s)
         u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
-    start = read_initial_state(keys["initial"], sim.model.d) if "initial" in keys else (None, None)
+    q, v = read_initial_state(keys["initial"], sim.model.d) if "initial" in keys else (None, None)
     held = None if input_hold is None else input_hold == "zoh"
     drive = AppliedSignals(time_s, u, push if push.shape[1] else None)
-    q, v = simulate_augmented(sim, drive, q=start[0], v=start[1], held=held)
-    _save_states(keys["out"], time_s, q, v)
-
-
-def _require_one_duration(keys: dict[str, str]) -> None:
-    if "input" in keys and "seconds" in keys:
-        raise CommandError("input= and seconds= exclude each other: a file of inputs has its own length")
-
-
-def _save_states(
-    out: str, time_s: Float64[np.ndarray, " N"], q: Float64[np.ndarray, "N d"], v: Float64[np.ndarray, "N d"]
-) -> None:
-    from lagsplat.io.files.atomic import save_csv
-
-    rows = [
-        {"t": t}
-        | {f"q{i}": value for i, value in enumerate(state)}
-        | {f"v{i}": value for i, value in enumerate(velocity)}
-        for t, state, velocity in zip(time_s, q, v, strict=True)
-    ]
-    save_csv(out, rows)
-    print(out)
+    return time_s, *simulate_augmented(sim, drive, q=q, v=v, held=held)
 
 
 def evaluate(given: Namespace) -> None:
     """Score a fitted run."""
-    keys, changes = split_words(given.words, needed=("run", "out"), allowed=("run", "out"))
+    keys, changes = split_words(given.words, needed=("run", "out"))
     from lagsplat.io.files.atomic import save_json
-    from lagsplat.pipelines.evaluate import evaluate_run, read_protocol
-    from lagsplat.runs.run import open_run
+    from lagsplat.pipelines.evaluate import evaluate as score
 
-    run = open_run(Path(keys["run"]))
-    save_json(keys["out"], evaluate_run(run, read_protocol(Path(keys["run"]), changes)))
+    save_json(keys["out"], score(keys["run"], *changes))
     print(keys["out"])
 
 
@@ -157,13 +132,13 @@ def view(given: Namespace) -> None:
     folders = [word for word in given.words if "=" not in word]
     if len(folders) != 1:
         raise CommandError("name one fitted run: lagsplat view FOLDER [--no-browser] [viewer.port=8080]")
-    allowed = ("out", "replay", "diagnosis")
-    keys, changes = split_words([word for word in given.words if "=" in word], allowed=allowed)
-    if other := [word for word in changes if not word.startswith(("viewer.", "forces."))]:
-        raise CommandError(f"view takes viewer.key and forces.key, {', '.join(allowed)}, not {other[0]!r}")
+    words, allowed = [word for word in given.words if "=" in word], ("diagnosis", "replay", "out")
+    keys, changes = split_words(words, allowed=allowed, settings=("viewer.", "forces."))
     from lagsplat.pipelines.view import view as serve
 
-    serve(Path(folders[0]), compose(*changes), keys, browser=not given.no_browser)
+    diagnosis, replay, out = (keys.get(name) for name in allowed)
+    browser = not given.no_browser
+    serve(folders[0], *changes, browser=browser, diagnosis=diagnosis, replay=replay, out=out)
 
 
 def export(given: Namespace) -> None:
@@ -175,42 +150,34 @@ def export(given: Namespace) -> None:
             "name one run and the format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]"
         )
     kind, folder = formats[0], Path(folders[0])
-    allowed = ("out", "frame", "q") if kind == "ply" else ("out",)
-    keys, changes = split_words([word for word in given.words if "=" in word], allowed=allowed)
-    out = Path(keys.get("out", str(folder / f"run.{kind}")))
-    {"html": _export_page, "mcap": _export_log, "ply": _export_gaussians}[kind](folder, keys, changes, out)
+    words = [word for word in given.words if "=" in word]
+    if kind == "ply":
+        keys, changes = split_words(words, allowed=("out", "frame", "q"), settings=())
+    else:
+        keys, changes = split_words(words, allowed=("out",))
+    out = Path(keys.get("out", folder / f"run.{kind}"))
+    from lagsplat.runs.run import choose_state, open_run
+
+    if kind == "html":
+        from lagsplat.pipelines.view import export_page
+
+        export_page(folder, out, *changes)
+    elif kind == "mcap":
+        from lagsplat.pipelines.evaluate import read_protocol
+        from lagsplat.pipelines.export import export_mcap
+
+        export_mcap(open_run(folder), read_protocol(folder, changes), out)
+    else:
+        from lagsplat.pipelines.export import export_ply
+
+        run = open_run(folder)
+        export_ply(run.autoencoder, run.chart, choose_state(run, keys.get("frame"), keys.get("q")), out)
     print(out)
 
 
-def _export_log(folder: Path, keys: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.pipelines.evaluate import read_protocol
-    from lagsplat.pipelines.export import export_mcap
-    from lagsplat.runs.run import open_run
-
-    export_mcap(open_run(folder), read_protocol(folder, changes), out)
-
-
-def _export_page(folder: Path, keys: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.pipelines.view import export_page
-
-    export_page(folder, compose(*changes), out)
-
-
-def _export_gaussians(folder: Path, keys: dict[str, str], changes: list[str], out: Path) -> None:
-    from lagsplat.pipelines.export import export_ply
-    from lagsplat.runs.run import choose_state, open_run
-
-    if changes:
-        raise CommandError(f"export --ply takes out, frame and q, not {changes[0]!r}")
-    run = open_run(folder)
-    export_ply(run.autoencoder, run.chart, choose_state(run, keys.get("frame"), keys.get("q")), out)
-
-
-def download_weights(given: Namespace) -> None:
+def weights(given: Namespace) -> None:
     """Download the published weights of the baselines, if ``--download`` says so."""
-    keys, rest = split_words(given.words, allowed=("out",))
-    if rest:
-        raise CommandError(f"weights takes out=FOLDER and --download, not {rest[0]!r}")
+    keys, _ = split_words(given.words, allowed=("out",), settings=())
     from lagsplat.baselines.released import NOTICE, RUNS, fetch_weights
 
     if not given.download:
@@ -225,9 +192,8 @@ def download_weights(given: Namespace) -> None:
 
 def diagnose(given: Namespace) -> None:
     """Diagnose ``sim`` against ``real``, and write the report."""
-    keys, overrides = split_words(given.words, needed=("sim", "real"), allowed=("sim", "real", "out"))
-    if other := [word for word in overrides if not word.startswith("diagnose")]:
-        raise CommandError(f"diagnose takes sim, real, out and diagnose.key=value, not {other[0]!r}")
+    needed = ("sim", "real")
+    keys, overrides = split_words(given.words, needed=needed, allowed=("out",), settings=("diagnose.",))
     config = compose(*overrides).diagnose
     from lagsplat.pipelines.diagnosis import diagnose_files
     from lagsplat.report.diagnosis.summary import write_summary
@@ -242,14 +208,12 @@ def diagnose(given: Namespace) -> None:
 
 def apply(given: Namespace) -> None:
     """Add the effects of a diagnosis to a simulator."""
-    allowed = ("diagnosis", "sim", "out", "diagnose.joints", "diagnose.actuators")
-    keys, rest = split_words(given.words, needed=("diagnosis", "out"), allowed=allowed)
-    if rest:
-        raise CommandError(f"apply takes {', '.join(allowed)}, not {rest[0]!r}")
+    allowed = ("sim", "diagnose.joints", "diagnose.actuators")
+    keys, _ = split_words(given.words, needed=("diagnosis", "out"), allowed=allowed, settings=())
     from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 
-    names = {name: parse_names(keys.get(f"diagnose.{name}")) for name in ("joints", "actuators")}
-    apply_diagnosis(Path(keys["diagnosis"]), keys.get("sim"), out=Path(keys["out"]), **names)
+    joints, actuators = (parse_names(keys.get(key)) for key in allowed[1:])
+    apply_diagnosis(keys["diagnosis"], keys.get("sim"), out=keys["out"], joints=joints, actuators=actuators)
     print(keys["out"])
 
 

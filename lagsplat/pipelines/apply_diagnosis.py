@@ -1,5 +1,6 @@
 """Add the effects of a diagnosis to a simulator; project given simulators on polynomial fields."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,34 +19,41 @@ from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import load_json
 
 AUGMENTED_FILE = "augmented.safetensors"
+MODELS = ("run", "model", "mujoco", "python")  # kinds of sources that are simulators, not recordings
 
 
 def apply_diagnosis(
-    diagnosis: Path,
-    sim: str | None,
+    diagnosis: str | os.PathLike[str],
+    sim: str | None = None,
     *,
-    out: Path,
+    out: str | os.PathLike[str],
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> AugmentedSimulator:
-    """Add the effects that a ``diagnosis.json`` chose to ``sim``, and save the result as ``out``.
+    """Add the effects of a diagnosis to a simulator, and write the result.
 
-    The fitted effects are read from the augmented sim beside the diagnosis.
+    The fitted effects are read from the augmented simulator beside the diagnosis.
 
     Args:
-        diagnosis: path of the ``diagnosis.json``.
-        sim: the simulator that gets the effects; None for the diagnosed one, with its parameters as refitted.
-            Another simulator keeps its own parameters.
-        out: file to write.
-        joints: joints of a MuJoCo model that are the coordinates; None for all.
-        actuators: actuators of a MuJoCo model that are the inputs; None for all.
+        diagnosis: The ``diagnosis.json``, or its folder.
+        sim: A MuJoCo ``.xml``, ``file.py:attribute`` or a run, with its own parameters; the diagnosed
+            simulator, with its parameters as refitted, if left out.
+        out: The file that is written, ``.safetensors``.
+        joints: Joints of a MuJoCo model that are the coordinates; all if left out.
+        actuators: Actuators of a MuJoCo model that are the inputs; all if left out.
 
     Raises:
-        FileNotFoundError: no diagnosis, or no augmented sim beside it.
-        ValueError: the sim is given by recordings, or has other coordinates or inputs.
+        FileNotFoundError: no diagnosis, or no augmented simulator beside it.
+        ValueError: the simulator is known by recordings only, or has other coordinates or inputs.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.apply_diagnosis("diagnosis", out="augmented.safetensors").model.d
+        1
     """
-    stored = load_json(diagnosis)
-    path = diagnosis.parent / AUGMENTED_FILE
+    file = Path(diagnosis).expanduser()
+    file = file / "diagnosis.json" if file.is_dir() else file
+    stored, path = load_json(file), file.parent / AUGMENTED_FILE
     if not path.is_file():
         raise FileNotFoundError(
             f"{path}: not there (verdict {stored.get('verdict')!r}); keep the folder of a diagnosis "
@@ -53,8 +61,7 @@ def apply_diagnosis(
         )
     augmented, header = load_augmented(path), read_header(path)
     if sim is not None:
-        kinds = {source.kind for source in find_sources(sim)}
-        if not kinds <= {"mujoco", "python", "run", "model"}:
+        if not {source.kind for source in find_sources(sim)} <= set(MODELS):
             raise ValueError(
                 f"sim={sim}: a sim known by its recordings was identified by the diagnosis and is in "
                 f"{path}; leave sim= out to get it with its effects"
@@ -63,7 +70,7 @@ def apply_diagnosis(
         augmented = transfer_effects(augmented, projected.model)
         header = {**header, "sim": sim, "sim_error": projected.error}
     header.pop("stamp", None)
-    save_augmented(out, augmented, {**header, "diagnosis": str(diagnosis)})
+    save_augmented(out, augmented, {**header, "diagnosis": str(file)})
     return augmented
 
 
@@ -74,15 +81,10 @@ def sample_simulator(
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
 ) -> ProjectedModel:
-    """Project the simulator that ``sim=name`` gives on polynomial fields over a region.
+    """Project the simulator that ``sim=name`` gives on polynomial fields over a region of states and inputs.
 
-    Of an augmented sim the model without its effects is taken. The result has the error of the acceleration.
-
-    Args:
-        name: a program, a MuJoCo file, an augmented sim, or the folder of a fitted run.
-        region: states and inputs at which the model must hold.
-        joints: joints of a MuJoCo model that are the coordinates; None for all.
-        actuators: actuators of a MuJoCo model that are the inputs; None for all.
+    Of an augmented simulator the model without its effects is taken. The result has the error of the
+    acceleration. ``joints`` and ``actuators`` are as of `apply_diagnosis`.
 
     Raises:
         FileNotFoundError: nothing is there.
@@ -96,9 +98,11 @@ def sample_simulator(
     if source.kind == "python":
         return project_python(load_python(source.path), region, what=source.path)
     if source.kind == "run":
-        from lagsplat.diagnose.simulators.fitted_run import load_run_dynamics, project_run
+        from lagsplat.diagnose.simulators.fitted_run import project_run
+        from lagsplat.stage2.fit import load_dynamics
 
-        return project_run(load_run_dynamics(Path(source.path)), region, what=source.path)
+        lagrangian, _ = load_dynamics(Path(source.path) / "dynamics.safetensors")
+        return project_run(lagrangian, region, what=source.path)
     if source.kind == "model":
         return ProjectedModel(load_augmented(source.path).model, 0.0)
     raise ValueError(f"{source.path}: a recording, which is identified and not sampled")

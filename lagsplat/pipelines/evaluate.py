@@ -38,11 +38,6 @@ def read_protocol(folder: Path, changes: Sequence[str] = ()) -> EvaluateConfig:
     return rebuild(EvaluateConfig, OmegaConf.to_container(OmegaConf.merge(own, changed)))  # type: ignore[arg-type]
 
 
-def evaluate_run(run: FittedRun, config: EvaluateConfig) -> dict[str, Any]:
-    """Every score of a run under a protocol."""
-    return evaluate_models(run.autoencoder, run.chart, run.lagrangian, run.recording, config)
-
-
 def evaluate(run: FittedRun | str | os.PathLike[str], *overrides: str) -> dict[str, Any]:
     """Score a run on the held-out part of its recording, under the protocol it was made with.
 
@@ -66,4 +61,5 @@ def evaluate(run: FittedRun | str | os.PathLike[str], *overrides: str) -> dict[s
     run = run if isinstance(run, FittedRun) else open_run(run)
     if run.folder is None:
         raise ValueError("this run has no folder, which holds how it is scored; open it with open_run")
-    return evaluate_run(run, read_protocol(run.folder, overrides))
+    protocol = read_protocol(run.folder, overrides)
+    return evaluate_models(run.autoencoder, run.chart, run.lagrangian, run.recording, protocol)

@@ -6,7 +6,6 @@ other rooms, which take typed settings. Overrides are words of Hydra, such as ``
 
 import os
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,12 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart, require_trained_autoencoder
 from lagsplat.chart.chart import fit_chart as fit_chart_with
 from lagsplat.config.compose import compose
-from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.forces.grasp import grasp_brush
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
-from lagsplat.pipelines import apply_diagnosis as applying
-from lagsplat.pipelines import view as viewing
 from lagsplat.runs.fit import obtain_recording
 from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage1.autoencoder import Autoencoder
@@ -267,72 +263,3 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
     x, y = centers[best].tolist()
     right, down = moves.U[best, :, 0].tolist()
     return (x, y), (right, down)
-
-
-def apply_diagnosis(diagnosis: PathLike, sim: str | None = None, *, out: PathLike) -> AugmentedSimulator:
-    """Add the effects of a diagnosis to a simulator, and write the result.
-
-    Args:
-        diagnosis: The ``diagnosis.json``, or its folder.
-        sim: A MuJoCo ``.xml``, ``file.py:attribute`` or a run; the diagnosed simulator if left out.
-        out: The file that is written, ``.safetensors``.
-
-    Raises:
-        FileNotFoundError: no diagnosis is there.
-        ValueError: the simulator is known by recordings only, or has other coordinates or inputs.
-
-    Example:
-        >>> import lagsplat
-        >>> lagsplat.apply_diagnosis("diagnosis", out="augmented.safetensors").model.d
-        1
-    """
-    path = Path(diagnosis).expanduser()
-    path = path / "diagnosis.json" if path.is_dir() else path
-    return applying.apply_diagnosis(path, sim, out=Path(out))
-
-
-def view(folder: PathLike, *overrides: str, browser: bool = True, **files: PathLike) -> None:
-    """Serve a fitted run to the browser, to be pushed there, until interrupted.
-
-    Args:
-        folder: Of the run.
-        overrides: Settings such as ``"viewer.port=8081"``.
-        browser: Open the system's browser.
-        files: ``diagnosis`` (folder), ``replay`` (a saved session) or ``out`` (folder for sessions).
-
-    Raises:
-        FileNotFoundError: a file of the run or of ``files`` is not there.
-        ValueError: a file cannot be read, or belongs to another run.
-
-    Example:
-        >>> import lagsplat
-        >>> lagsplat.view("nowhere")
-        Traceback (most recent call last):
-        FileNotFoundError: nowhere: no recording.safetensors there ...
-    """
-    names: Mapping[str, str] = {name: os.fspath(path) for name, path in files.items()}
-    viewing.view(Path(folder).expanduser(), compose(*overrides), names, browser=browser)
-
-
-def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
-    """Write a fitted run as one web page that can be pushed without a server.
-
-    Args:
-        folder: Of the run.
-        out: The HTML file that is written.
-        overrides: Settings such as ``"forces.brush=0.1"``.
-
-    Returns:
-        The file.
-
-    Raises:
-        FileNotFoundError: a file of the run is not there.
-        ValueError: the page cannot compute this form of the dynamics, or would be too large.
-
-    Example:
-        >>> import lagsplat
-        >>> lagsplat.export_page("run", "run.html").name
-        'run.html'
-    """
-    viewing.export_page(Path(folder).expanduser(), compose(*overrides), Path(out))
-    return Path(out)

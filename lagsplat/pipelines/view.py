@@ -1,63 +1,103 @@
 """From the folder of a fitted run to a place where it can be pushed: live, or as one page."""
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 
 from lagsplat.array_types import Vector
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import MissingAcceleration
-from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
+from lagsplat.forces.equilibrium import hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
-from lagsplat.viewer.simulation.history import RecordedData, read_recorded_data
+from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
+PathLike = str | os.PathLike[str]
 CORES = 2
 
 
-def view(folder: Path, experiment: Config, own: Mapping[str, str], *, browser: bool) -> None:
-    """Serve the run in ``folder`` until interrupted, and open the system's browser there if ``browser``.
+def view(
+    folder: PathLike,
+    *overrides: str,
+    browser: bool = True,
+    diagnosis: PathLike | None = None,
+    replay: PathLike | None = None,
+    out: PathLike | None = None,
+) -> None:
+    """Serve a fitted run to the browser, to be pushed there, until interrupted.
 
-    ``own`` may name ``out``, where sessions are saved (the run's folder if not), ``replay``, a session to
-    begin with, and ``diagnosis``, the folder of one whose residual can be laid over the picture.
+    Args:
+        folder: Of the run.
+        overrides: Settings such as ``"viewer.port=8081"``.
+        browser: Open the system's browser.
+        diagnosis: Folder of a diagnosis whose residual can be laid over the image.
+        replay: A saved session to begin with.
+        out: Folder in which sessions are saved; the run's own if left out.
 
     Raises:
-        FileNotFoundError: an artefact of the run, or the session, is not there.
-        ValueError: an artefact is unreadable, or the session is of another run.
+        FileNotFoundError: a file of the run, of the diagnosis or of the session is not there.
+        ValueError: a file cannot be read, or belongs to another run.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.view("nowhere")
+        Traceback (most recent call last):
+        FileNotFoundError: nowhere: no recording.safetensors there ...
     """
     from lagsplat.viewer.server.server import ViewerServer
     from lagsplat.viewer.server.session_export import load_history
 
+    folder, experiment = Path(folder).expanduser(), compose(*overrides)
     set_threads(CORES)
     run = open_run(folder)
     session = pushable(run, experiment)
-    if "replay" in own:
-        session.replay(load_history(Path(own["replay"])))
-    residual = _residual(Path(own["diagnosis"]), session) if "diagnosis" in own else None
-    title, out = title_of(folder), Path(own.get("out", str(folder)))
-    live = ViewerServer(session, title=title, read_frame=_frames(run), folder=out, residual=residual)
-    print(f"{title}: {live.url}   (Ctrl-C ends it)", flush=True)
+    if replay is not None:
+        session.replay(load_history(Path(replay)))
+    title = title_of(folder)
+    server = ViewerServer(
+        session,
+        title=title,
+        read_frame=lambda number: np.asarray(run.recording.frames[number]),
+        folder=folder if out is None else Path(out),
+        residual=None if diagnosis is None else _residual(Path(diagnosis), session),
+    )
+    print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
     if browser:
-        live.open_browser()
-    live.wait()
-    live.stop()
+        server.open_browser()
+    server.wait()
+    server.stop()
 
 
-def export_page(folder: Path, experiment: Config, out: Path) -> None:
-    """Write the run in ``folder`` as one page that can be pushed without a server.
+def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
+    """Write a fitted run as one web page that can be pushed without a server.
+
+    Args:
+        folder: Of the run.
+        out: The HTML file that is written.
+        overrides: Settings such as ``"forces.brush=0.1"``.
+
+    Returns:
+        The file.
 
     Raises:
-        FileNotFoundError: an artefact of the run is not there.
-        ValueError: the page cannot compute this form of a law, or would be too large.
+        FileNotFoundError: a file of the run is not there.
+        ValueError: the page cannot compute this form of the dynamics, or would be too large.
+
+    Example:
+        >>> import lagsplat
+        >>> lagsplat.export_page("run", "run.html").name
+        'run.html'
     """
     from lagsplat.viewer.static_page.build import save_page
 
+    folder, out = Path(folder).expanduser(), Path(out)
+    experiment = compose(*overrides)
     session = pushable(open_run(folder), experiment)
     kinematics = session.operating_point.kinematics
     coordinates = "one learned coordinate" if kinematics.d == 1 else f"{kinematics.d} learned coordinates"
@@ -65,23 +105,18 @@ def export_page(folder: Path, experiment: Config, out: Path) -> None:
     subtitle = f"Seen by {seen}, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
     title = title_of(folder)
     save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
+    return out
 
 
 def pushable(run: FittedRun, experiment: Config) -> Session:
-    """A run at rest, ready to be pushed."""
-    operating_point, recorded = held_run(run)
+    """A run at rest under its mean inputs, ready to be pushed."""
+    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
+    recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     return Session(operating_point, recorded, experiment.viewer, experiment.forces)
 
 
-def held_run(run: FittedRun) -> tuple[OperatingPoint, RecordedData]:
-    """A run at rest under its mean inputs, and what its recording offers."""
-    recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
-    return hold_at_load(run.autoencoder, run.chart, run.lagrangian), recorded
-
-
 def title_of(folder: Path) -> str:
-    """What a run is called: its system, and where its recording comes from, by the folders of the
-    workflow."""
+    """What a run is called: its system and the origin of its recording, by the folders of the workflow."""
     parts = folder.resolve().parts
     for kind in ("simulated", "filmed"):
         if kind in parts[:-1]:
@@ -91,17 +126,9 @@ def title_of(folder: Path) -> str:
     return folder.resolve().name
 
 
-def _frames(run: FittedRun) -> Callable[[int], UInt8[np.ndarray, "H W 3"]]:
-    def frame(number: int) -> UInt8[np.ndarray, "H W 3"]:
-        return np.asarray(run.recording.frames[number])
-
-    return frame
-
-
 def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Vector]:
-    missing = MissingAcceleration(
-        load_augmented(diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis)
-    )
+    file = diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis
+    missing = MissingAcceleration(load_augmented(file))
     try:
         missing.acceleration(session.q, session.v, session.u)
     except ValueError as error:

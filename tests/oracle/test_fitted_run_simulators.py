@@ -8,7 +8,7 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.simulators.fitted_run import load_run_dynamics, project_run, read_chart_trajectory
+from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
 from lagsplat.pipelines.apply_diagnosis import sample_simulator
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -54,10 +54,6 @@ def test_a_run_is_found_by_its_folder_and_must_fit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.model.potential, project_run(made, where, what="run").model.potential)
     with pytest.raises(ValueError, match=r"1 latent\(s\) and 1 input\(s\), but the recording 2 and 1"):
         project_run(made, region(2, 1), what="run")
-    (tmp_path / "below" / "deeper" / "still").mkdir(parents=True)
-    load_run_dynamics(tmp_path / "below" / "deeper")
-    with pytest.raises(FileNotFoundError, match=r"no dynamics\.safetensors"):
-        load_run_dynamics(tmp_path / "below" / "deeper" / "still")
     (tmp_path / "a.csv").write_text("t,q0\n0,0\n1,1\n")
     with pytest.raises(ValueError, match="is identified and not sampled"):
         sample_simulator(str(tmp_path / "a.csv"), where)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -11,25 +10,9 @@ from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 from lagsplat.io.trajectory.trajectory import Trajectory
-from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 
 BATCH_SIZE = 256  # points that the networks evaluate at once, which bounds their memory
-
-
-def load_run_dynamics(folder: Path) -> Lagrangian:
-    """Load the Lagrangian of the run in ``folder``.
-
-    Raises:
-        FileNotFoundError: it is neither there nor in the two folders above.
-    """
-    for candidate in (folder, *folder.resolve().parents[:2]):
-        if (candidate / "dynamics.safetensors").is_file():
-            return load_dynamics(candidate / "dynamics.safetensors")[0]
-    raise FileNotFoundError(
-        f"{folder}: no dynamics.safetensors there or up to two folders above; give the folder of a "
-        "finished fit"
-    )
 
 
 def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -> ProjectedModel:

@@ -136,7 +136,10 @@ def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
         (["fit", "out=a", "stage1.stepz=3"], "did you mean 'steps'"),
         (["evaluate", "run=a"], "out=... is missing"),
         (["evaluate", "run=nowhere", "out=m.json"], "no recording.safetensors"),
-        (["simulate", "run=a", "out=q.csv", "stage2.steps=3"], "a run keeps its settings"),
+        (
+            ["simulate", "run=a", "out=q.csv", "stage2.steps=3"],
+            "'stage2.steps=3': other settings have no effect here",
+        ),
         (["simulate", "run=a", "out=q.csv", "input=u.csv", "seconds=3"], "exclude each other"),
         (["export", "nowhere", "--mcap"], "no recording.safetensors"),
         (["simulate", "run=nowhere", "out=q.csv"], "no recording.safetensors"),

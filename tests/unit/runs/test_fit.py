@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.pipelines.evaluate import evaluate_run, read_protocol
+from lagsplat.pipelines.evaluate import evaluate, read_protocol
 from lagsplat.runs.fit import fit_run
 from lagsplat.runs.run import open_run, rollout
 
@@ -46,7 +46,7 @@ def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
         rollout(run, np.zeros((9, 2)), frame=300)
     settings = read_protocol(tmp_path / "run", ["evaluate.starts=3"])
     assert settings == replace(experiment.evaluate, starts=3)
-    assert evaluate_run(run, settings)["scores"]["ae_floor"] > 0
+    assert evaluate(tmp_path / "run", "evaluate.starts=3")["scores"]["ae_floor"] > 0
     with pytest.raises(ValueError, match="a run keeps its settings"):
         read_protocol(tmp_path / "run", ["stage2.steps=3"])
 
