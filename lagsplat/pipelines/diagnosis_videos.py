@@ -1,7 +1,7 @@
 """A fitted run as the simulator, and the recordings it is compared with, in its whitened latents."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -65,22 +65,21 @@ class RecordingPair:
         They are compared with the held-out part of the run's own recording, or with its training part where
         the held-out part is diagnosed.
         """
-        recordings = [
-            recorded.recording for recorded in self.real_recordings if recorded.recording is not None
-        ]
-        if not recordings:
+        videos = [r.recording for r in self.real_recordings if r.recording is not None]
+        if not videos:
             return None
-        run = self.run
-        train, held = run.recording.split()
-        nominal = compute_decoding_errors(run.autoencoder, run.chart, train if self.same_recording else held)
-        real = np.concatenate(
-            [compute_decoding_errors(run.autoencoder, run.chart, one) for one in recordings]
+        train, held_out = self.run.recording.split()
+        reference = train if self.same_recording else held_out
+        nominal, *others = (
+            compute_decoding_errors(self.run.autoencoder, self.run.chart, video)
+            for video in (reference, *videos)
         )
+        real = np.concatenate(others)
         latents = np.concatenate([motion.q for motion in self.real])
         seen = self.nominal[0].q[choose_evenly(self.nominal[0].n, VIDEO_CHECKS.max_latents)]
         return ImageQuality(real, nominal, assess_perception(real, nominal, latents, seen))
 
-    def judge(self, found: Diagnosis) -> Diagnosis:
+    def judge(self, diagnosis: Diagnosis) -> Diagnosis:
         """Add to a diagnosis what the images say about it.
 
         It is conditional on perception where the real images are reconstructed worse than the nominal ones,
@@ -88,44 +87,41 @@ class RecordingPair:
         states are unknown, and where motion of the camera explains half of the gap but no camera effect is
         named.
         """
-        warnings_, checks, known = list(found.warnings), dict(found.checks), catalogue()
+        known, warned, checks = catalogue(), list(diagnosis.warnings), dict(diagnosis.checks)
+        cameras = {known[name].camera for name in diagnosis.combination}
         if self.image_quality is not None:
             seen = self.image_quality.perception
+            worse = f"the real images are reconstructed {seen.ratio:.2g} times as badly as the run's own"
             checks |= {
                 "drawn_over_nominal": seen.ratio,
                 "outside_nominal": seen.outside,
                 "conditional_on_perception": seen.suspect,
             }
             if seen.suspect:
-                warnings_.append(
-                    f"conditional on perception: the real images are reconstructed {seen.ratio:.2g} times as "
-                    f"badly as the run's own, and {100 * seen.outside:.2g} % of the frames lie where it was "
-                    "never trained; what follows holds only if the encoder is right there"
+                warned.append(
+                    f"conditional on perception: {worse}, and {100 * seen.outside:.2g} % of the frames lie "
+                    "where it was never trained; what follows holds only if the encoder is right there"
                 )
-            seeing = {known[name].camera for name in found.combination} - {None}
-            if seen.ratio > VIDEO_CHECKS.unreadable_error_ratio and found.verdict != "none" and not seeing:
+            unreadable = seen.ratio > VIDEO_CHECKS.unreadable_error_ratio
+            if unreadable and diagnosis.verdict != "none" and not cameras - {None}:
                 checks["undetermined"] = [
-                    f"the real images are reconstructed {seen.ratio:.2g} times as badly as the run's own, so "
-                    "the encoder cannot read their states; record with the same camera and compression"
+                    f"{worse}, so the encoder cannot read their states; record with the same camera and "
+                    "compression"
                 ]
-        gap = found.gap.before if found.gap is not None else np.inf
-        named = found.combination and not any(known[name].camera in MOVED for name in found.combination)
-        if named and self.camera_share > VIDEO_CHECKS.max_camera_share * gap:
+        gap = diagnosis.gap.before if diagnosis.gap is not None else np.inf
+        moved = self.camera_share > VIDEO_CHECKS.max_camera_share * gap
+        if moved and cameras and not cameras & set(MOVED):
             checks["undetermined"] = [
                 f"the camera moved, which alone imitates {100 * self.camera_share:.2g} % of the motion's "
                 f"size while the gap is {100 * gap:.2g} %; no effect can be separated from that"
             ]
-        return replace(found, warnings=tuple(warnings_), checks=checks)
+        return replace(diagnosis, warnings=tuple(warned), checks=checks)
 
     @property
     def null_motion(self) -> Trajectory:
         """A trajectory without any effect: the held-out part of the run's own recording, or its training part
         where the held-out part is diagnosed."""
-        if self.same_recording:
-            return self.nominal[0]
-        return _rename_inputs(
-            read_chart_trajectory(self.run.chart, held_out=True), tuple(self.run.recording.input_names)
-        )
+        return self.nominal[0] if self.same_recording else _read_own_part(self.run, held_out=True)
 
     @property
     def ruled_out(self) -> tuple[str, ...]:
@@ -143,10 +139,8 @@ class RecordingPair:
     @property
     def camera_share(self) -> float:
         """Motion of the camera, as a share of the standard deviation of a latent, at most."""
-        return max(
-            (recorded.camera.share for recorded in self.real_recordings if recorded.camera is not None),
-            default=0.0,
-        )
+        cameras = [recorded.camera for recorded in self.real_recordings]
+        return max((shift.share for shift in cameras if shift is not None), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -194,30 +188,29 @@ def open_recording_pair(
             latents, inputs or pixels that is not the run's.
     """
     run = open_run(folder)
-    names = tuple(run.recording.input_names)
-    nominal = (_rename_inputs(read_chart_trajectory(run.chart, held_out=False), names),)
+    nominal = (_read_own_part(run, held_out=False),)
     sources = () if real == HELD_OUT else find_sources(real)
-    real_recordings = [_read_trajectory(folder, run, source, columns) for source in sources]
-    is_own = [recorded is None for recorded in real_recordings]
-    if any(is_own) and not all(is_own):
+    recorded = [_read_trajectory(folder, run, source, columns) for source in sources]
+    others = tuple(each for each in recorded if each is not None)
+    if not others:
+        return RecordingPair(run, nominal, (_open_holdout(run, longest_s),), same_recording=True)
+    if len(others) < len(recorded):
         raise ValueError(
             f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
             "one kind at a time"
         )
-    if not real_recordings or any(is_own):
-        return RecordingPair(run, nominal, (_open_holdout(run, names, longest_s),), same_recording=True)
-    kept = [recorded for recorded in real_recordings if recorded is not None]
-    named = tuple(replace(recorded, motion=_rename_inputs(recorded.motion, names)) for recorded in kept)
-    return RecordingPair(run, nominal, named, same_recording=False)
+    return RecordingPair(run, nominal, others, same_recording=False)
 
 
-def _open_holdout(run: FittedRun, names: tuple[str, ...], longest_s: float) -> RecordedTrajectory:
-    motion = _rename_inputs(
-        leading_samples(read_chart_trajectory(run.chart, held_out=True), longest_s), names
-    )
+def _open_holdout(run: FittedRun, longest_s: float) -> RecordedTrajectory:
+    motion = leading_samples(_read_own_part(run, held_out=True), longest_s)
     train, holdout = run.recording.split()
     shift = measure_camera_shift(holdout, train, run.autoencoder, run.chart)
     return RecordedTrajectory(motion, holdout, shift, tuple(check_camera(shift, source=motion.source)))
+
+
+def _read_own_part(run: FittedRun, *, held_out: bool) -> Trajectory:
+    return _rename_inputs(read_chart_trajectory(run.chart, held_out=held_out), run)
 
 
 def _read_trajectory(
@@ -226,8 +219,8 @@ def _read_trajectory(
     """Read one real trajectory with its frames; None where it is the run's own recording."""
     if source.kind == "trajectory":
         motion = read_trajectory(source.path, columns=columns)
-        _check_size(run, motion.d, motion.n_u, source.path)
-        return RecordedTrajectory(motion)
+        _check_size(run, motion, source.path)
+        return RecordedTrajectory(_rename_inputs(motion, run))
     if source.kind not in VIDEO_KINDS:
         raise ValueError(
             f"{source.path}: a {source.kind} has no trajectory to compare a run with; name a video, a log or "
@@ -248,8 +241,8 @@ def _read_trajectory(
     log = read_input_log(source.inputs) if source.inputs else None
     latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
     motion = make_video_trajectory(recording, latents, log=log, source=source.path)
-    _check_size(run, motion.d, motion.n_u, source.path)
-    return RecordedTrajectory(motion, recording, shift, tuple(findings))
+    _check_size(run, motion, source.path)
+    return RecordedTrajectory(_rename_inputs(motion, run), recording, shift, tuple(findings))
 
 
 def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
@@ -267,21 +260,22 @@ def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
     return recording
 
 
-def _check_size(run: FittedRun, d: int, n_u: int, source: str) -> None:
-    wanted = run.chart.d, run.chart.inputs.shape[1]
-    if d != wanted[0]:
+def _check_size(run: FittedRun, motion: Trajectory, source: str) -> None:
+    d, n_u = run.chart.d, run.chart.inputs.shape[1]
+    if motion.d != d:
         raise ValueError(
-            f"{source}: {d} coordinate(s), but the run has {wanted[0]} whitened latent(s); give a video, or "
+            f"{source}: {motion.d} coordinate(s), but the run has {d} whitened latent(s); give a video, or "
             "latents that this run's autoencoder encoded"
         )
-    if n_u < wanted[1]:
+    if motion.n_u < n_u:
         raise ValueError(
-            f"{source}: {n_u} input(s), but the run was fitted with {wanted[1]}; give the inputs in a CSV of "
-            "the same stem with columns t, u0, ..., with zeros if nothing acted"
+            f"{source}: {motion.n_u} input(s), but the run was fitted with {n_u}; give the inputs in a CSV "
+            "of the same stem with columns t, u0, ..., with zeros if nothing acted"
         )
 
 
-def _rename_inputs(motion: Trajectory, names: Sequence[str]) -> Trajectory:
+def _rename_inputs(motion: Trajectory, run: FittedRun) -> Trajectory:
     """Give the inputs the names of the run's inputs, as far as it has as many."""
+    names = run.recording.input_names
     renamed = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
     return replace(motion, u_names=renamed)

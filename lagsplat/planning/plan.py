@@ -13,6 +13,7 @@ from typing import Any
 
 from lagsplat.config.compose import ConfigError, closest, compose, key_of
 from lagsplat.config.schema import Config, options
+from lagsplat.io.config import RecordingConfig
 from lagsplat.io.video.clips import find_clips
 from lagsplat.provenance import code_digest, modules_in, parse_source, sha256_hex
 
@@ -53,20 +54,13 @@ class PlannedBaseline:
 
 
 @dataclass(frozen=True)
-class PlannedForecast:
+class PlannedForecast(PlannedRun):
     """Identity of one forecaster or free differential equation: the wildcards of its path.
 
     ``model`` is a choice of ``conf/forecaster``, or of ``conf/ode`` where ``kind`` says so; ``trial`` is its
     seed. It is read in the chart of the system's first run, whose wildcards are the others.
     """
 
-    profile: str
-    recording: str
-    system: str
-    stage1: str
-    ae: int
-    stage2: str
-    seed: int
     kind: str
     model: str
     trial: int
@@ -80,34 +74,26 @@ def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
     Raises:
         ConfigError: another key, an unknown system, or ``system=`` (the path of the target names it).
     """
-    of_system: dict[str, tuple[str, ...]] = {}
-    shared: tuple[str, ...] = ()
+    of_key: dict[str, tuple[str, ...]] = {}
+    known = ["hydra", *(f"hydra_{name}" for name in options("system"))]
     for key, text in command_line.items():
-        words = _words(key, str(text or ""))
-        if bad := [word for word in words if key_of(word) == "system"]:
+        try:
+            of_key[key] = tuple(shlex.split(str(text or "")))
+        except ValueError as error:
+            raise ConfigError(
+                f"--config {key}={text!r}: {error}. Snakemake drops a quote at either end: "
+                "put another override there"
+            ) from error
+        if bad := [word for word in of_key[key] if key_of(word) == "system"]:
             raise ConfigError(
                 f"{key}: {bad[0]} has no effect here; choose systems with systems=[...] instead"
             )
-        if key == "hydra":
-            shared = words
-        elif key.removeprefix("hydra_") in options("system") and key.startswith("hydra_"):
-            of_system[key.removeprefix("hydra_")] = words
-        else:
-            known = ["hydra", *(f"hydra_{name}" for name in options("system"))]
+        if key not in known:
             raise ConfigError(
                 f"--config {key}=...: unknown key{closest(key, known)}. Known keys: {', '.join(known)}"
             )
-    return Overrides(shared, of_system)
-
-
-def _words(key: str, text: str) -> tuple[str, ...]:
-    try:
-        return tuple(shlex.split(text))
-    except ValueError as error:
-        raise ConfigError(
-            f"--config {key}={text!r}: {error}. Snakemake drops a quote at either end: "
-            "put another override there"
-        ) from error
+    shared = of_key.pop("hydra", ())
+    return Overrides(shared, {key.removeprefix("hydra_"): words for key, words in of_key.items()})
 
 
 def compose_for(overrides: Overrides, **choices: str) -> Config:
@@ -134,6 +120,22 @@ def shared_experiment(overrides: Overrides) -> Config:
         return compose_for(overrides, system=compose(*chosen).systems[0])
 
 
+def _runs_of(experiment: Config, stage2: str) -> list[PlannedRun]:
+    """A run for each pair of seeds of one system's experiment."""
+    chosen = experiment.choices
+    place = (chosen["profile"], chosen["recording"], chosen["system"], chosen["stage1"])
+    seeds = [(ae, seed) for ae in experiment.autoencoder_seeds for seed in experiment.seeds]
+    return [PlannedRun(*place, ae, stage2, seed) for ae, seed in seeds]
+
+
+def _unless_left_out(overrides: Overrides, key: str, names: list[str]) -> list[str]:
+    """The systems ``key=names``; only those in ``systems`` where a user chooses these, and not ``key``."""
+    chosen = {key_of(item) for item in overrides.shared}
+    if "systems" not in chosen or key in chosen:
+        return names
+    return [name for name in names if name in shared_experiment(overrides).systems]
+
+
 def planned_runs(overrides: Overrides) -> list[PlannedRun]:
     """Every run behind the tables and figures, each composed, hence checked, before anything is trained.
 
@@ -148,13 +150,10 @@ def planned_runs(overrides: Overrides) -> list[PlannedRun]:
     runs = []
     for system in experiment.systems:
         own = compose_for(overrides, system=system)
-        _check_file(own, system, files, meant=system in overrides.of_system)
+        _check_file(own.recording, system, files, meant=system in overrides.of_system)
         for stage2 in dict.fromkeys([own.choices["stage2"], *own.ablations]):
             compose_for(overrides, system=system, stage2=stage2)
-            place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
-            runs += [
-                PlannedRun(*place, ae, stage2, seed) for ae in own.autoencoder_seeds for seed in own.seeds
-            ]
+            runs += _runs_of(own, stage2)
     return runs
 
 
@@ -174,14 +173,12 @@ def planned_baselines(overrides: Overrides) -> list[PlannedBaseline]:
     """Every baseline of the benchmark table: on the recordings of the pneumatic arms, each composed.
 
     Raises:
-        ConfigError: see :func:`lagsplat.config.compose.compose`; also weights that are not there.
+        ConfigError: see `lagsplat.config.compose.compose`; also weights that are not there.
     """
     runs = []
     for system in shared_experiment(overrides).systems:
         own = compose_for(overrides, system=system)
-        if own.system.film != "krauss":
-            continue
-        for name in dict.fromkeys(own.baselines):
+        for name in dict.fromkeys(own.baselines if own.system.film == "krauss" else ()):
             weights_of(overrides, system=system, baseline=name)
             place = (own.choices["profile"], own.choices["recording"], system, name)
             runs += [PlannedBaseline(*place, seed) for seed in own.baseline_seeds]
@@ -192,27 +189,19 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
     """Every run of the table of extrapolation, and every forecaster read in the chart of its system's first.
 
     Raises:
-        ConfigError: see :func:`lagsplat.config.compose.compose`; also a system that is driven.
+        ConfigError: see `lagsplat.config.compose.compose`; also a system that is driven.
     """
     runs: list[PlannedRun] = []
     others: list[PlannedForecast] = []
-    experiment = shared_experiment(overrides)
-    chosen = {key_of(item) for item in overrides.shared}
-    for system in experiment.extrapolated:
-        if "systems" in chosen and "extrapolated" not in chosen and system not in experiment.systems:
-            continue  # who chooses systems, and files for them, means no others
+    extrapolated = shared_experiment(overrides).extrapolated
+    for system in _unless_left_out(overrides, "extrapolated", extrapolated):
         own = compose_for(overrides, system=system)
         if own.system.film != "video":
             raise ConfigError(
                 f"extrapolated={own.extrapolated}: {system} is driven by its inputs, which a forecaster of "
                 "pictures does not know; choose systems that move freely"
             )
-        place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
-        mine = [
-            PlannedRun(*place, ae, own.choices["stage2"], seed)
-            for ae in own.autoencoder_seeds
-            for seed in own.seeds
-        ]
+        mine = _runs_of(own, own.choices["stage2"])
         runs += mine
         models = [("forecaster", name) for name in dict.fromkeys(own.forecasters)]
         models.append(("ode", own.choices["ode"]))
@@ -223,6 +212,34 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
             trials = own.forecaster_seeds if kind != "authors" else [0]
             others += [PlannedForecast(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
     return runs, others
+
+
+SUFFIX = "_3d"
+SHORT = {"rainbow_rocker": "rocker"}  # how figures call a system whose name is long
+
+
+def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
+    """The run behind each figure in space, by the figure's name.
+
+    Left out are systems whose simulated views do not suit a filmed recording, and, where a user chooses
+    ``systems`` and not ``spatial``, all that are not among these.
+
+    Raises:
+        ConfigError: see `lagsplat.config.compose.compose`; also a system without novel views.
+    """
+    spatial = shared_experiment(overrides).spatial
+    runs = {}
+    for system in _unless_left_out(overrides, "spatial", spatial):
+        own = compose_for(overrides, system=system)
+        if own.views is None:
+            raise ConfigError(
+                f"spatial={spatial}: {system} has no novel views and its Gaussians live in the picture; give "
+                f"it some, for instance hydra_{system}='views=sharp', or leave it out"
+            )
+        if own.views.kind != "simulated" or own.recording.kind == "simulated":
+            name = system.removesuffix(SUFFIX)
+            runs[SHORT.get(name, name)] = _runs_of(own, own.choices["stage2"])[0]
+    return runs
 
 
 def weights_of(overrides: Overrides, **choices: str) -> str | None:
@@ -251,27 +268,26 @@ def files_of(overrides: Overrides, **choices: str) -> list[str]:
     Raises:
         ConfigError: nothing is there, or a folder without a recording.
     """
-    recording = compose_for(overrides, **choices).recording
-    return [] if recording.path is None else _files_behind(recording.kind, recording.path)
+    return _list_files(compose_for(overrides, **choices).recording)
 
 
-def _files_behind(kind: str, path: str) -> list[str]:
-    if kind != "video":
-        return [str(Path(path).expanduser())]
+def _list_files(recording: RecordingConfig) -> list[str]:
+    if recording.path is None:
+        return []
+    if recording.kind != "video":
+        return [str(Path(recording.path).expanduser())]
     try:
-        return [str(file) for clip in find_clips(path) for file in clip.files]
+        return [str(file) for clip in find_clips(recording.path) for file in clip.files]
     except (OSError, ValueError) as error:
-        raise ConfigError(f"recording.path={path}: {error}") from error
+        raise ConfigError(f"recording.path={recording.path}: {error}") from error
 
 
-def _check_file(experiment: Config, system: str, files: dict[str, str], *, meant: bool) -> None:
+def _check_file(recording: RecordingConfig, system: str, files: dict[str, str], *, meant: bool) -> None:
     """A file for all systems is a slip; one that a system was given by name may be another part of it."""
-    recording = experiment.recording
     if recording.kind == "simulated" or recording.path is None:
         return
-    for file in _files_behind(recording.kind, recording.path):
-        if not Path(file).is_file():
-            raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
+    if not all(Path(file).is_file() for file in _list_files(recording)):
+        raise ConfigError(f"recording.path={recording.path} ({system}): no such file; check the path")
     if recording.path in files and not meant:
         raise ConfigError(
             f"recording.path={recording.path} would serve {files[recording.path]} and {system}; choose one "
@@ -290,41 +306,6 @@ def script_digest(script: Path, *commands: str) -> str:
     digest, imports = parse_source(script)
     modules = set(modules_in(imports)) - {"lagsplat.planning.job"}
     return sha256_hex((digest + code_digest(*sorted(modules), *commands)).encode())
-
-
-SUFFIX = "_3d"
-SHORT = {"rainbow_rocker": "rocker"}  # how figures call a system whose name is long
-
-
-def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
-    """The run behind each figure in space, by the figure's name.
-
-    Left out are systems whose simulated views do not suit a filmed recording, and, where a user chooses
-    ``systems`` and not ``spatial``, all that are not among these.
-
-    Raises:
-        ConfigError: see `lagsplat.config.compose.compose`; also a system without novel views.
-    """
-    experiment = shared_experiment(overrides)
-    chosen = {key_of(item) for item in overrides.shared}
-    runs = {}
-    for system in experiment.spatial:
-        if "systems" in chosen and "spatial" not in chosen and system not in experiment.systems:
-            continue
-        own = compose_for(overrides, system=system)
-        if own.views is None:
-            raise ConfigError(
-                f"spatial={experiment.spatial}: {system} has no novel views and its Gaussians live in the "
-                f"picture; give it some, for instance hydra_{system}='views=sharp', or leave it out"
-            )
-        if own.views.kind == "simulated" and own.recording.kind != "simulated":
-            continue
-        name = system.removesuffix(SUFFIX)
-        place = (own.choices["profile"], own.choices["recording"], system, own.choices["stage1"])
-        runs[SHORT.get(name, name)] = PlannedRun(
-            *place, own.autoencoder_seeds[0], own.choices["stage2"], own.seeds[0]
-        )
-    return runs
 
 
 def files_of_rig(path: str) -> list[str]:
@@ -376,36 +357,39 @@ def road_to(stage: str, experiment: Config) -> Road:
         "evaluate": (experiment.evaluate, "evaluate"),
         "table": (None, "table"),
     }
+    extrapolation = experiment.extrapolation
+    branches: Road = {
+        "baseline": (experiment.baseline, "baseline"),
+        "baseline_evaluate": (experiment.evaluate, "baseline_evaluate"),
+        "baseline_table": (None, "table"),
+        "forecaster": (experiment.forecaster, "forecaster"),
+        "forecaster_read": (extrapolation, "extrapolate_forecaster"),
+        "forecaster_table": (None, "extrapolation"),
+        "ode": (experiment.ode, "ode"),
+        "ode_read": (extrapolation, "extrapolate_ode"),
+        "ode_table": (None, "extrapolation"),
+        "authors": (experiment.authors, "authors"),
+        "authors_read": (extrapolation, "extrapolate_authors"),
+        "authors_table": (None, "extrapolation"),
+        "extrapolate": (extrapolation, "extrapolate"),
+        "extrapolate_table": (None, "extrapolation"),
+        "field": (experiment.deformation, "field"),
+        "field_read": (None, "velocity_field"),
+        "field_table": (None, "deformation"),
+    }
     branch = stage.partition("_")[0]
-    if branch not in _BRANCHES:
+    if branch not in TRUNK_BEFORE:
         return trunk
-    leaves, scripts = _BRANCHES[branch]
-    settings = {
-        "baseline": (experiment.baseline, experiment.evaluate),
-        "forecaster": (experiment.forecaster, experiment.extrapolation),
-        "ode": (experiment.ode, experiment.extrapolation),
-        "authors": (experiment.authors, experiment.extrapolation),
-        "extrapolate": (experiment.extrapolation,),
-        "field": (experiment.deformation, None),
-    }[branch]
-    road = {name: trunk[name] for name in leaves}
-    for name, script, used in zip(_names(branch, len(scripts)), scripts, (*settings, None), strict=True):
-        road[name] = (used, script)
-    return road
+    before = {name: trunk[name] for name in TRUNK_BEFORE[branch]}
+    return before | {name: step for name, step in branches.items() if name.partition("_")[0] == branch}
 
 
-_BRANCHES = {
-    "baseline": (("recording",), ("baseline", "baseline_evaluate", "table")),
-    "forecaster": (("recording",), ("forecaster", "extrapolate_forecaster", "extrapolation")),
-    "ode": (("recording", "stage1", "chart"), ("ode", "extrapolate_ode", "extrapolation")),
-    "authors": (("recording",), ("authors", "extrapolate_authors", "extrapolation")),
-    "extrapolate": (("recording", "stage1", "chart", "stage2"), ("extrapolate", "extrapolation")),
-    "field": (("recording", "stage1", "chart"), ("field", "velocity_field", "deformation")),
+TRUNK_BEFORE = {
+    "baseline": ("recording",),
+    "forecaster": ("recording",),
+    "ode": ("recording", "stage1", "chart"),
+    "authors": ("recording",),
+    "extrapolate": ("recording", "stage1", "chart", "stage2"),
+    "field": ("recording", "stage1", "chart"),
 }
-"""Where each branch leaves the trunk, and its scripts."""
-
-
-def _names(branch: str, count: int) -> list[str]:
-    """Stages of a branch: itself, how it is read where that is a job of its own, and its table."""
-    read = "evaluate" if branch == "baseline" else "read"
-    return [branch, f"{branch}_{read}", f"{branch}_table"] if count == 3 else [branch, f"{branch}_table"]
+"""Stages of the trunk before each branch."""

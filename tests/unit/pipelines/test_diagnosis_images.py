@@ -12,8 +12,9 @@ from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.residual.localization import locate
 from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
 from lagsplat.pipelines.diagnosis import compute_error_stages
-from lagsplat.pipelines.diagnosis_images import build_image_content
+from lagsplat.pipelines.diagnosis_images import add_images
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
+from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.runs.run import FittedRun
 from tests.unit.evaluate import tiny_run
 from tests.unit.report.diagnosis import made_diagnoses
@@ -68,7 +69,7 @@ def diagnosed(recordings, mechanics):
 @pytest.fixture(scope="module")
 def image_content(recordings, mechanics):
     pair, found = diagnosed(recordings, mechanics)
-    return build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
+    return add_images(pair, DiagnosisRun(found.diagnosis, found.problem, None, None), ReportContent())
 
 
 def test_the_error_budget_has_every_stage_with_its_floor(recordings, mechanics):
@@ -108,7 +109,9 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
     )
     pair, found = diagnosed(bare, mechanics)
     assert [stage.name for stage in compute_error_stages(pair, found)] == ["chart", "one step", "rollout"]
-    found, content = build_image_content(pair, DiagnosisRun(found.diagnosis, found.problem, None, None))
+    found, content = add_images(
+        pair, DiagnosisRun(found.diagnosis, found.problem, None, None), ReportContent()
+    )
     assert content.video is None
     assert "image" not in found.diagnosis.checks
 
@@ -116,7 +119,7 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
 def test_where_the_gap_is_not_located_the_frames_are_compared_all_the_same(recordings, mechanics):
     pair, found = diagnosed(recordings, mechanics)
     lost = replace(found.diagnosis, where=None)
-    run, content = build_image_content(pair, DiagnosisRun(lost, found.problem, None, None))
+    run, content = add_images(pair, DiagnosisRun(lost, found.problem, None, None), ReportContent())
     assert run.diagnosis.where is None
     assert content.image_force is None
     assert content.image_error.excess.max() > 0.0
