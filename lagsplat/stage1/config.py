@@ -104,6 +104,10 @@ class RenderConfig:
         require_setting("render.factor", self.factor, self.factor > 1, rule)
         require_least(self, "render", 1, "n_gaussians", "steps", "batch")
 
+    def fine_size(self, height: int, width: int) -> tuple[int, int]:
+        """Height and width of the finer frames [px]."""
+        return round(self.factor * height), round(self.factor * width)
+
 
 @dataclass
 class Stage1Config:

@@ -1,14 +1,8 @@
-"""Alternative decoders over frozen latents, fitted under the same conditions as stage 1.
-
-`DeformationField` compares Gaussians conditioned on the latent with Gaussians that a network of the latent
-deforms (`DeformedGaussians`); `fit_decoder` fits finer Gaussians to larger frames.
-"""
+"""Two decoders over frozen latents at equal terms: Gaussians conditioned on the latent, or deformed by it."""
 
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,16 +15,14 @@ from lagsplat.array_types import Frames, Images, Latents
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.image_model import rasterize
-from lagsplat.splat.losses import anisotropy, structural_dissimilarity
-from lagsplat.stage1.autoencoder import Autoencoder, to_images
-from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
-from lagsplat.stage1.fit import TrainingCurvePoint, fit_autoencoder
+from lagsplat.splat.losses import anisotropy
+from lagsplat.stage1.autoencoder import to_images
+from lagsplat.stage1.config import FieldConfig, Stage1Config
 from lagsplat.stage1.gaussian_initialization import place_gaussians
-from lagsplat.stage1.objective import rate_factor
+from lagsplat.stage1.objective import group_parameters, photometric_loss, set_rates
 
 KIND, SCHEMA = "field", 1
 CONDITIONED, DEFORMED = "conditioned", "deformed"
-IN_PIXELS = ("center", "coupling")  # parameters with the larger step size
 
 
 class DeformationField(nn.Module):
@@ -43,10 +35,8 @@ class DeformationField(nn.Module):
         if kind == CONDITIONED:
             self.gaussians = Gaussians(n, d)
         elif kind == DEFORMED:
-            limit = config.shift_limit * width / 2
-            self.gaussians = DeformedGaussians(
-                n, d, hidden=config.hidden, shift_limit=limit, shape_limit=config.shape_limit
-            )
+            limits = {"shift_limit": config.shift_limit * width / 2, "shape_limit": config.shape_limit}
+            self.gaussians = DeformedGaussians(n, d, hidden=config.hidden, **limits)
         else:
             raise ValueError(f"there is no decoder {kind!r}: choose {CONDITIONED} or {DEFORMED}")
 
@@ -95,12 +85,8 @@ def fit_deformation_field(
     Both kinds start from the same planar Gaussians and use the same losses, batches, optimiser and step
     sizes; only the effect of the latent on the Gaussians differs. Neither recycles Gaussians.
 
-    Args:
-        kind: Conditioned or deformed Gaussians, see `DeformationField`.
-        frames, latents: Training frames and their raw latents.
-        config: The deformation network and the schedule.
-        stage1: Losses, step sizes and initialisation.
-        seed: Determines initialisation and batches.
+    ``latents`` are raw; ``config`` holds the deformation network and the schedule, ``stage1`` losses, step
+    sizes and initialisation. A network gets the step size of the encoder.
 
     Raises:
         FloatingPointError: the loss is no longer finite.
@@ -110,14 +96,15 @@ def fit_deformation_field(
     begin = time.monotonic()
     field = start_deformation_field(kind, frames, latents, config, stage1, seed=seed)
     stored, table = torch.from_numpy(np.array(frames)), torch.as_tensor(latents, dtype=torch.float32)
-    optimizer = _optimizer(field, stage1)
+    parameters = dict(field.gaussians.named_parameters())
+    network = [parameters.pop(name) for name in list(parameters) if name.startswith(("trunk", "head"))]
+    optimizer = torch.optim.Adam(group_parameters(network, parameters, stage1.rate))
     losses = []
     with tqdm(total=config.steps, unit="step", desc=kind, mininterval=1.0) as bar:
         for step in range(config.steps):
             rng = np.random.default_rng([seed, step])
             picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
-            for group in optimizer.param_groups:
-                group["lr"] = group["peak"] * rate_factor(stage1.rate, step=step, steps=config.steps)
+            set_rates(optimizer, stage1.rate, step=step, steps=config.steps)
             loss = _loss(field, table[picked], to_images(stored[picked]), stage1)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
@@ -142,10 +129,7 @@ def start_deformation_field(
     *,
     seed: int,
 ) -> DeformationField:
-    """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians.
-
-    Args: as `fit_deformation_field`.
-    """
+    """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians."""
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
     n, d = config.n_gaussians, latents.shape[1]
@@ -167,25 +151,11 @@ def start_deformation_field(
 def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
     slices, loss = field.slices(z), stage1.loss
     drawn = field.draw(slices, backend=stage1.backend)
-    total = loss.l1 * (drawn - images).abs().mean()
-    if loss.ssim:
-        total = total + loss.ssim * structural_dissimilarity(drawn, images, window=loss.ssim_window)
+    total = photometric_loss(drawn, images, loss)
     if loss.anisotropy:
         terms = [anisotropy(scene.covariance, limit=loss.anisotropy_limit) for scene in slices]
         total = total + loss.anisotropy * torch.stack(terms).mean()
     return total
-
-
-def _optimizer(field: DeformationField, stage1: Stage1Config) -> torch.optim.Adam:
-    """Adam with the step sizes of stage 1; the network gets those of the encoder."""
-    groups: dict[str, list[nn.Parameter]] = {"network": [], "pixels": [], "rest": []}
-    for name, value in field.gaussians.named_parameters():
-        kind = "network" if name.startswith(("trunk", "head")) else "pixels" if name in IN_PIXELS else "rest"
-        groups[kind].append(value)
-    peaks = {"network": stage1.rate.encoder, "pixels": stage1.rate.center, "rest": stage1.rate.gaussian}
-    return torch.optim.Adam(
-        [{"params": params, "peak": peaks[kind]} for kind, params in groups.items() if params], lr=1e-3
-    )
 
 
 def save_deformation_field(
@@ -264,55 +234,3 @@ class DeformedGaussians(nn.Module):
         out = self.head(self.trunk(told)).unflatten(1, (-1, 5))
         shift = self.shift_limit * torch.tanh(out[..., :2] / self.shift_limit)
         return shift, self.shape_limit * torch.tanh(out[..., 2:] / self.shape_limit)
-
-
-def fit_decoder(
-    frames: Frames,
-    latents: Float64[np.ndarray, "N d"],
-    stage1: Stage1Config,
-    render: RenderConfig,
-    *,
-    seed: int,
-    checkpoint: Path | None = None,
-    identity: str = "",
-) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
-    """Fit Gaussians to ``frames`` at their raw ``latents``, which stay fixed.
-
-    The result draws at the resolution of ``frames``. Its encoder is untrained: encode with the autoencoder
-    that made the latents. Step sizes in pixels grow with the resolution.
-
-    Args:
-        frames, latents: Training frames and their raw latents.
-        stage1: Settings of stage 1, for all that ``render`` does not set.
-        render: Resolution, number of Gaussians and schedule.
-        seed: Determines initialisation and batches.
-        checkpoint, identity: As in `fit_autoencoder`.
-
-    Raises:
-        ValueError: frames and latents differ in number.
-        FloatingPointError: the loss is no longer finite.
-
-    Source: paper, Implementation Details (high-resolution renders retrain the decoder alone).
-    """
-    if len(frames) != len(latents):
-        raise ValueError(
-            f"{len(frames)} frames and {len(latents)} latents: each frame needs its own; read the same part "
-            "of the same recording at the higher resolution"
-        )
-    settings = replace(
-        stage1,
-        n_gaussians=render.n_gaussians,
-        steps=render.steps,
-        batch=render.batch,
-        # the encoder is unused, so its filter penalty is off
-        loss=replace(stage1.loss, nonlocal_filter=0.0),
-        rate=replace(stage1.rate, center=render.factor * stage1.rate.center),
-    )
-    return fit_autoencoder(
-        frames, settings, seed=seed, checkpoint=checkpoint, identity=identity, latents=latents
-    )
-
-
-def refine_gaussians(height: int, width: int, render: RenderConfig) -> tuple[int, int]:
-    """Height and width of the finer frames [pixel]."""
-    return round(render.factor * height), round(render.factor * width)

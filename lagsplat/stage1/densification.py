@@ -1,7 +1,6 @@
 """Recycle invisible Gaussians: split a parent with a large gradient, or teleport to a large error."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -64,10 +63,7 @@ def densify_and_prune(
     split_gaussians(autoencoder.gaussians, parents, children)
     if len(strays):
         teleport_gaussians(autoencoder, footage, strays, rng)
-    transfer_adam_state(autoencoder.gaussians, optimizer, parents=parents, children=children, strays=strays)
-    reorder_gaussians(
-        autoencoder.gaussians, optimizer, depth_order(autoencoder.gaussians.n, parents, children)
-    )
+    renumber_gaussians(autoencoder.gaussians, optimizer, parents, children, strays)
     return len(slots)
 
 
@@ -155,50 +151,28 @@ def teleport_gaussians(
     gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
 
 
-def depth_order(n: int, parents: Tensor, children: Tensor) -> Tensor:
-    """The order of ``n`` Gaussians in which each child comes right after its parent.
+def renumber_gaussians(
+    gaussians: Gaussians, optimizer: torch.optim.Adam, parents: Tensor, children: Tensor, strays: Tensor
+) -> None:
+    """Put each child right after its parent, and reset Adam's moments of recycled Gaussians and parents.
 
     Gaussians are drawn in index order. A child at the index of the dead Gaussian it replaces would be drawn
-    in front of what covered its parent, or behind what its parent covered.
+    in front of what covered its parent, or behind what its parent covered. A child takes over its parent's
+    mean square gradient; teleported ``strays`` start from zero. No momentum is kept, because its direction
+    belonged to the former place.
     """
-    depth = torch.arange(n, dtype=torch.float64, device=parents.device)
-    depth[children] = depth[parents] + 0.5
-    return depth.argsort(stable=True)
-
-
-def reorder_gaussians(gaussians: Gaussians, optimizer: torch.optim.Adam, order: Tensor) -> None:
-    """Renumber the Gaussians, and Adam's state with them."""
-    for parameter, state in per_gaussian(gaussians, optimizer):
-        parameter.copy_(parameter[order])
-        for moment in state:
-            moment.copy_(moment[order])
-
-
-def transfer_adam_state(
-    gaussians: Gaussians, optimizer: torch.optim.Adam, *, parents: Tensor, children: Tensor, strays: Tensor
-) -> None:
-    """Reset Adam's moments of recycled Gaussians and their parents.
-
-    No momentum is kept, because its direction belonged to the former place.
-
-    Args:
-        gaussians, optimizer: Gaussians and their optimiser.
-        parents, children: Indices; a child takes over its parent's mean square gradient.
-        strays: Indices of teleported Gaussians, whose mean square is zeroed.
-    """
-    for _, moments in per_gaussian(gaussians, optimizer):
-        if moments:
-            mean, square = moments
+    place = torch.arange(gaussians.n, dtype=torch.float64, device=parents.device)
+    place[children] = place[parents] + 0.5
+    order = place.argsort(stable=True)
+    for name, parameter in gaussians.named_parameters():
+        if name == "background_logit":
+            continue
+        rows = [parameter]
+        if state := optimizer.state.get(parameter):
+            mean, square = state["exp_avg"], state["exp_avg_sq"]
             mean[torch.cat((parents, children, strays))] = 0
             square[children] = square[parents]
             square[strays] = 0
-
-
-def per_gaussian(
-    gaussians: Gaussians, optimizer: torch.optim.Adam
-) -> Iterator[tuple[Tensor, tuple[Tensor, ...]]]:
-    """Each parameter with one row per Gaussian, and Adam's two moments of it, if any yet."""
-    for name, parameter in gaussians.named_parameters():
-        if name != "background_logit":
-            state = optimizer.state.get(parameter)
-            yield parameter, (state["exp_avg"], state["exp_avg_sq"]) if state else ()
+            rows += [mean, square]
+        for values in rows:
+            values.copy_(values[order])

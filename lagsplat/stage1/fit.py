@@ -1,17 +1,19 @@
-"""The training loop of stage 1."""
+"""Training of stage 1: encoder and decoder together, or a decoder alone at given latents."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from jaxtyping import Float64
 
 from lagsplat.array_types import Frames, Latents, Series
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.splat.image_model import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
-from lagsplat.stage1.config import Stage1Config
+from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due
 from lagsplat.stage1.encoder import measure_small_moves
 from lagsplat.stage1.gaussian_initialization import initialize_gaussians
@@ -51,19 +53,15 @@ def fit_autoencoder(
     bit-identical to one that was never interrupted.
 
     Args:
-        frames: Training part of the recording.
-        config: Settings.
-        seed: Determines initialisation, batches and recycling.
         checkpoint: File of the training state; None keeps none.
-        identity: Digest of everything that determines the result; a checkpoint of another identity is
-            ignored.
+        identity: Digest of all that determines the result; a checkpoint of another identity is ignored.
         latents: Fixed raw latents of the frames; None trains an encoder.
         novel: Novel views of the same instants; with them Gaussians live in space.
         supervision: How these views enter the loss.
 
     Raises:
-        FloatingPointError: If the loss is no longer finite.
-        ValueError: If the views are of other frames.
+        FloatingPointError: the loss is no longer finite.
+        ValueError: the views are of other frames.
     """
     device = choose_device(config.backend)
     footage = TrainingFrames(frames, device=device, latents=latents, novel=novel, supervision=supervision)
@@ -102,6 +100,49 @@ def fit_autoencoder(
     return autoencoder.eval(), curve
 
 
+def fit_decoder(
+    frames: Frames,
+    latents: Float64[np.ndarray, "N d"],
+    stage1: Stage1Config,
+    render: RenderConfig,
+    *,
+    seed: int,
+    checkpoint: Path | None = None,
+    identity: str = "",
+) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
+    """Fit Gaussians to ``frames`` at their raw ``latents``, which stay fixed.
+
+    The result draws at the resolution of ``frames``. Its encoder is untrained: encode with the autoencoder
+    that made the latents. Step sizes in pixels grow with the resolution.
+
+    ``stage1`` holds the settings that ``render`` lacks; ``seed``, ``checkpoint`` and ``identity`` are as in
+    `fit_autoencoder`.
+
+    Raises:
+        ValueError: frames and latents differ in number.
+        FloatingPointError: the loss is no longer finite.
+
+    Source: paper, Implementation Details (high-resolution renders retrain the decoder alone).
+    """
+    if len(frames) != len(latents):
+        raise ValueError(
+            f"{len(frames)} frames and {len(latents)} latents: each frame needs its own; read the same part "
+            "of the same recording at the higher resolution"
+        )
+    settings = replace(
+        stage1,
+        n_gaussians=render.n_gaussians,
+        steps=render.steps,
+        batch=render.batch,
+        # the encoder is unused, so its filter penalty is off
+        loss=replace(stage1.loss, nonlocal_filter=0.0),
+        rate=replace(stage1.rate, center=render.factor * stage1.rate.center),
+    )
+    return fit_autoencoder(
+        frames, settings, seed=seed, checkpoint=checkpoint, identity=identity, latents=latents
+    )
+
+
 def train_step(
     autoencoder: Autoencoder,
     optimizer: torch.optim.Optimizer,
@@ -111,14 +152,9 @@ def train_step(
     latents: Latents | None = None,
     sides: NovelViewTargets | None = None,
 ) -> np.ndarray:
-    """Take one optimiser step on a batch; return its loss, mean absolute and mean squared error.
+    """Take one optimiser step on recorded images; return the loss, mean absolute and mean squared error.
 
-    Args:
-        autoencoder, optimizer: Modified in place.
-        batch: Recorded images.
-        config: Settings.
-        step: Index of the step, for the error message.
-        latents, sides: As in `reconstruct`.
+    ``latents`` and ``sides`` are as in `reconstruct`.
     """
     optimizer.zero_grad(set_to_none=True)
     scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides)

@@ -1,11 +1,12 @@
 """The reconstruction loss that stage 1 minimises, and its optimiser with step size schedule."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from lagsplat.array_types import Images, Latents
 from lagsplat.splat.losses import anisotropy, nonlocal_filter, structural_dissimilarity
@@ -39,14 +40,9 @@ def reconstruct(
     latents: Latents | None,
     sides: NovelViewTargets | None = None,
 ) -> ReconstructionLoss:
-    """Encode, draw and score a batch.
+    """Encode, draw and score recorded images.
 
-    Args:
-        autoencoder: The model.
-        images: Recorded images.
-        config: Weights of the terms.
-        latents: Raw latents to draw instead of encoded ones.
-        sides: Novel views at the same latents, which add photometric terms.
+    Raw ``latents`` are drawn instead of encoded ones; novel views ``sides`` of them add photometric terms.
 
     Source: paper eq. (recon_loss) and "Supervision".
     """
@@ -55,17 +51,14 @@ def reconstruct(
         drawn = autoencoder.decode(z)
         loss = photometric_loss(drawn, images, config)
     else:
-        own = autoencoder.filmed_view(z)
-        view = View(
-            *(torch.cat([a.expand(len(z), *a.shape[1:]), b]) for a, b in zip(own, sides.view, strict=True))
-        )
+        film = [part.expand(len(z), *part.shape[1:]) for part in autoencoder.filmed_view(z)]
+        view = View(*(torch.cat(parts) for parts in zip(film, sides.view, strict=True)))
         drawn, aside = autoencoder.decode(z.repeat(2, 1), view=view).chunk(2)
         loss = photometric_loss(drawn, images, config)
         loss = loss + sides.weight * photometric_loss(aside, _filled(sides, aside), config)
     if config.anisotropy:
-        loss = loss + config.anisotropy * anisotropy(
-            autoencoder.gaussians.covariance(), limit=config.anisotropy_limit
-        )
+        covariance = autoencoder.gaussians.covariance()
+        loss = loss + config.anisotropy * anisotropy(covariance, limit=config.anisotropy_limit)
     if config.nonlocal_filter:
         loss = loss + config.nonlocal_filter * nonlocal_filter(autoencoder.encoder.filters())
     error = (drawn - images).detach()
@@ -89,27 +82,27 @@ def _filled(sides: NovelViewTargets, drawn: Images) -> Images:
 
 def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:
     """Adam with three groups: encoder, parameters in pixels, other parameters of the Gaussians."""
-    in_pixels = ("center", "coupling")
-    gaussians = dict(autoencoder.gaussians.named_parameters())
-    groups = [
-        {"params": list(autoencoder.encoder.parameters()), "peak": config.encoder},
-        {"params": [gaussians[name] for name in in_pixels], "peak": config.center},
-        {
-            "params": [value for name, value in gaussians.items() if name not in in_pixels],
-            "peak": config.gaussian,
-        },
+    network, gaussians = autoencoder.encoder.parameters(), dict(autoencoder.gaussians.named_parameters())
+    return torch.optim.Adam(group_parameters(network, gaussians, config), fused=True)
+
+
+def group_parameters(
+    network: Iterable[nn.Parameter], gaussians: Mapping[str, nn.Parameter], config: RateConfig
+) -> list[dict[str, Any]]:
+    """Groups of an optimiser with their peak rates: a network, centres in pixels, the rest of Gaussians."""
+    in_pixels = [value for name, value in gaussians.items() if name in ("center", "coupling")]
+    others = [value for name, value in gaussians.items() if name not in ("center", "coupling")]
+    peaks = (config.encoder, config.center, config.gaussian)
+    return [
+        {"params": params, "peak": peak}
+        for params, peak in zip((list(network), in_pixels, others), peaks, strict=True)
     ]
-    return torch.optim.Adam(groups, fused=True)
 
 
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
     """Set each group's rate: linear warm-up, then a half cosine from the peak to its final fraction."""
-    for group in optimizer.param_groups:
-        group["lr"] = group["peak"] * rate_factor(config, step=step, steps=steps)
-
-
-def rate_factor(config: RateConfig, *, step: int, steps: int) -> float:
-    """The share of the peak rate at a step, the same for all groups."""
     warmup = min(1.0, (step + 1) / max(config.warmup_steps, 1))
     cosine = 0.5 * (1 + math.cos(math.pi * step / steps))
-    return warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)
+    factor = warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)
+    for group in optimizer.param_groups:
+        group["lr"] = group["peak"] * factor

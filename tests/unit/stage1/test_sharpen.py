@@ -6,8 +6,7 @@ import torch
 
 from lagsplat.stage1.autoencoder import decode_latents, encode_frames
 from lagsplat.stage1.config import RenderConfig
-from lagsplat.stage1.deformation_decoder import fit_decoder, refine_gaussians
-from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage1.fit import fit_autoencoder, fit_decoder
 from tests.unit.stage1.problems import small_config
 
 RENDER = RenderConfig(factor=3.0, n_gaussians=120, steps=400, batch=8)
@@ -65,4 +64,4 @@ def test_what_is_no_refinement_is_refused(changes):
 
 
 def test_the_finer_frames_have_the_same_shape():
-    assert refine_gaussians(92, 64, RenderConfig(2.5, 1, 1, 1)) == (230, 160)
+    assert RenderConfig(2.5, 1, 1, 1).fine_size(92, 64) == (230, 160)

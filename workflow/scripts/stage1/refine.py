@@ -7,13 +7,12 @@ from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import load_recording, save_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.config import RenderConfig
-from lagsplat.stage1.deformation_decoder import refine_gaussians
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.simulate import resize_simulation, simulate_system
 
 with Job(snakemake) as job:
     recording, config = load_recording(job.input.recording), job.section(RecordingConfig)
-    height, width = refine_gaussians(recording.height, recording.width, job.section(RenderConfig, "render"))
+    height, width = job.section(RenderConfig, "render").fine_size(recording.height, recording.width)
     if config.kind == "simulated":
         driven, released = job.choice(SimulationConfig, "simulation"), job.choice(ReleaseConfig, "release")
         fine, _ = simulate_system(

@@ -8,7 +8,7 @@ from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
-from lagsplat.stage1.deformation_decoder import fit_decoder
+from lagsplat.stage1.fit import fit_decoder
 
 with Job(snakemake) as job:
     train, _ = load_recording(job.input.fine).split()
