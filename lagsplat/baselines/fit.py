@@ -9,16 +9,9 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Int64
 
+from lagsplat.baselines import objective
 from lagsplat.baselines.config import BaselineConfig
 from lagsplat.baselines.model import Baseline, BaselineArchitecture, stack_delays
-from lagsplat.baselines.objective import (
-    BaselineBatch,
-    closing_term_weight,
-    compute_loss_terms,
-    make_baseline_optimizer,
-    set_rates,
-    total_loss,
-)
 from lagsplat.baselines.released import load_released
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
@@ -93,13 +86,13 @@ def fit_baseline(
     data = prepare_baseline_data(train, config)
     torch.manual_seed(seed)
     baseline = Baseline(choose_architecture(config, train))
-    optimizer = make_baseline_optimizer(baseline, config.rate)
+    optimizer = objective.make_baseline_optimizer(baseline, config.rate)
     curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
     lost = 0
 
     def take_step(step: int) -> np.ndarray | None:
         nonlocal lost
-        set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
+        objective.set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
         terms = train_step(baseline, optimizer, data, config, seed=seed, step=step)
         lost = lost + 1 if terms is None else 0
         if lost >= PATIENCE:
@@ -162,17 +155,13 @@ def train_step(
     start = choose_batch_start(data, config, seed=seed, step=step)
     frames = slice(start, start + config.batch)
     at_rest = rng.permutation(config.rest_frames)[: config.batch]
-    scene = BaselineBatch(
-        images=to_images(data.frames[frames]),
-        inputs=data.inputs[frames],
-        rest_images=to_images(data.frames[at_rest]),
-        rest_inputs=data.inputs[at_rest],
-    )
+    moving = (to_images(data.frames[frames]), data.inputs[frames])
+    scene = objective.BaselineBatch(*moving, to_images(data.frames[at_rest]), data.inputs[at_rest])
     optimizer.zero_grad(set_to_none=True)
     share = config.loss.closing_gradient
-    terms = compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
-    closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
-    loss = total_loss(terms, config.loss, closing=closing)
+    terms = objective.compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
+    closing = objective.closing_term_weight(config.loss, step=step, steps=config.n_steps)
+    loss = objective.total_loss(terms, config.loss, closing=closing)
     loss.backward()
     norm = torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
     if not torch.isfinite(norm):
@@ -192,14 +181,14 @@ def choose_batch_start(data: BaselineData, config: BaselineConfig, *, seed: int,
 def obtain_baseline(
     train: Recording, config: BaselineConfig, *, seed: int, checkpoint: Path, identity: str
 ) -> tuple[Baseline, dict[str, Any]]:
-    """The model, trained (see `fit_baseline`) or from published weights, and facts for its header.
+    """The model, trained or from published weights, and facts for its header.
 
     These are ``steps``, ``frames_seen`` and ``wall_s`` (None if not trained here), ``weights`` (the file, or
     None), ``epoch`` of published weights, and ``curve``, a list of rows.
 
     Raises:
-        ValueError, FloatingPointError: as `fit_baseline` and `lagsplat.baselines.released.load_released`;
-            also weights of another model than the one configured.
+        ValueError: as `fit_baseline` and `load_released`, or weights of another model than configured.
+        FloatingPointError: as `fit_baseline`.
     """
     if config.weights is None:
         baseline, curve = fit_baseline(train, config, seed=seed, checkpoint=checkpoint, identity=identity)

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -150,15 +150,14 @@ def _time_unit(train: EncodedTrajectory, metric: np.ndarray) -> float:
 
 def _series(train: EncodedTrajectory, ends: tuple[int, int], unit_s: float) -> torch.Tensor:
     """States and velocities of one clip, evenly spaced, velocities per internal unit of time."""
-    part = slice(*ends)
-    if ends[1] - ends[0] < 4:
+    time_s = train.time_s[slice(*ends)]
+    if len(time_s) < 4:
         raise ValueError(
-            f"a clip of {ends[1] - ends[0]} training frames: a law of motion needs four; give longer clips"
+            f"a clip of {len(time_s)} training frames: a law of motion needs four; give longer clips"
         )
-    path = CubicSpline(train.time_s[part], train.latents[part])
-    span_s = train.time_s[part][-1] - train.time_s[part][0]
-    at = train.time_s[part][0] + train.dt_s * np.arange(int(span_s / train.dt_s + 1e-6) + 1)
-    at = np.minimum(at, train.time_s[part][-1])
+    path = CubicSpline(time_s, train.latents[slice(*ends)])
+    n = int((time_s[-1] - time_s[0]) / train.dt_s + 1e-6) + 1
+    at = np.minimum(time_s[0] + train.dt_s * np.arange(n), time_s[-1])
     return torch.from_numpy(np.concatenate([path(at), path(at, 1) * unit_s], axis=1))
 
 
@@ -180,10 +179,9 @@ def continue_rollout(
     states: int,
     dt_s: float,
 ) -> Float64[np.ndarray, "B N d"]:
-    """States of rollouts by the classical Runge-Kutta scheme, one step a frame; divergence stays non-finite.
+    """States at ``states`` instants, ``dt_s`` [s] apart, from ``q0`` and ``v0`` [1/s], one step a frame.
 
-    ``q0`` and ``v0`` [1/s] begin ``states`` instants, ``dt_s`` [s] apart. It runs on NumPy arrays: a thousand
-    seconds in torch would take minutes.
+    Divergence stays non-finite. NumPy, because a thousand seconds in torch would take minutes.
     """
     *hidden, head = (
         (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in (*ode.layers, ode.head)
@@ -195,33 +193,24 @@ def continue_rollout(
         return x @ head[0] + head[1]
 
     h = dt_s / ode.time_unit_s
+
+    def step(x: np.ndarray) -> np.ndarray:
+        k1 = rate(x)
+        if ode.method == "midpoint":
+            return x + h * rate(x + 0.5 * h * k1)
+        # the three-eighths rule, which is what torchdiffeq calls rk4
+        k2 = rate(x + h / 3 * k1)
+        k3 = rate(x + h * (k2 - k1 / 3))
+        k4 = rate(x + h * (k1 - k2 + k3))
+        return x + h / 8 * (k1 + 3 * (k2 + k3) + k4)
+
     x = np.concatenate([q0, v0 * ode.time_unit_s], axis=1)
     path = np.empty((states, *x.shape))
     path[0] = x
-    step = _STEPS[ode.method]
     with np.errstate(all="ignore"):
         for i in range(1, states):
-            x = path[i] = step(rate, x, h)
+            path[i] = step(path[i - 1])
     return np.moveaxis(path[:, :, : ode.d], 0, 1)
-
-
-Rate = Callable[[np.ndarray], np.ndarray]
-
-
-def _rk4(rate: Rate, x: np.ndarray, h: float) -> np.ndarray:
-    """The three-eighths rule, which is what torchdiffeq calls rk4."""
-    k1 = rate(x)
-    k2 = rate(x + h / 3 * k1)
-    k3 = rate(x + h * (k2 - k1 / 3))
-    k4 = rate(x + h * (k1 - k2 + k3))
-    return x + h / 8 * (k1 + 3 * (k2 + k3) + k4)
-
-
-def _midpoint(rate: Rate, x: np.ndarray, h: float) -> np.ndarray:
-    return x + h * rate(x + 0.5 * h * rate(x))
-
-
-_STEPS = {"rk4": _rk4, "midpoint": _midpoint}
 
 
 def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:

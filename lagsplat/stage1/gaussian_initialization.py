@@ -15,7 +15,7 @@ from lagsplat.stage1.encoder import initialize_encoder
 from lagsplat.stage1.training_data import TrainingFrames
 
 SAMPLE = 1024  # frames whose encodings set the latent scale
-FLAT_SHARE = 0.2  # probability spread over all pixels; edges get the rest
+FLAT_SHARE = 0.2  # probability spread over all pixels; those of interest share the rest
 
 
 def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed: int) -> Autoencoder:
@@ -67,7 +67,8 @@ def lift_to_depth(gaussians: Gaussians, footage: TrainingFrames, rng: np.random.
     for part, picture, camera in zip(
         np.array_split(rng.permutation(gaussians.n), len(pictures)), pictures, cameras, strict=True
     ):
-        pixels, colors = scatter_latents(picture / 255.0, len(part), rng)
+        picture = picture / 255.0
+        pixels, colors = scatter_points(picture, measure_edges(picture), len(part), rng)
         middle = float(camera.within(pivot)[0, 2])
         depth = middle * (1 + supervision.spread * rng.uniform(-1, 1, len(part)))
         view = make_view([camera] * len(part))
@@ -87,7 +88,7 @@ def place_gaussians(
     rng: np.random.Generator,
 ) -> None:
     """Scatter the Gaussians over an image and over the latents, in place."""
-    pixels, colors = scatter_latents(reference, gaussians.n, rng)
+    pixels, colors = scatter_points(reference, measure_edges(reference), gaussians.n, rng)
     spread = np.maximum(latents.std(0), 1e-3)
     sigma = max(float(spread.max()), 0.25) * config.latent_sigma
 
@@ -102,13 +103,17 @@ def place_gaussians(
         gaussians.background_logit.copy_(torch.as_tensor(reference.mean((0, 1)).clip(0.01, 0.99)).logit())
 
 
-def scatter_latents(
-    picture: np.ndarray, count: int, rng: np.random.Generator
+def measure_edges(picture: np.ndarray) -> np.ndarray:
+    """Strength of the edges of an image (H, W, 3) at each pixel."""
+    return np.abs(np.stack(np.gradient(np.pad(picture.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
+
+
+def scatter_points(
+    picture: np.ndarray, interest: np.ndarray, count: int, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "N 2"], Float[Tensor, "N 3"]]:
-    """Points [px] of an image (H, W, 3), mostly at its edges, and the logits of their colours."""
-    edges = np.abs(np.stack(np.gradient(np.pad(picture.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
-    density = (1 - FLAT_SHARE) * edges / max(edges.sum(), 1e-12) + FLAT_SHARE / edges.size
-    pixels = rng.choice(edges.size, count, p=(density / density.sum()).ravel())
+    """Points [px] of an image (H, W, 3), mostly where ``interest`` is large, and logits of their colours."""
+    density = (1 - FLAT_SHARE) * interest / max(interest.sum(), 1e-12) + FLAT_SHARE / interest.size
+    pixels = rng.choice(interest.size, count, p=(density / density.sum()).ravel())
     rows, columns = np.divmod(pixels, picture.shape[1])
     jitter = rng.random((count, 2))  # within the pixel, so that no two Gaussians coincide
     colors = np.clip(picture[rows, columns], 0.01, 0.99)

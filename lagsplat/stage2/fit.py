@@ -1,25 +1,73 @@
-"""Fits the Lagrangian to a latent trajectory, saves it and loads it."""
+"""Fits the Lagrangian to a latent trajectory in three stages, saves it and loads it.
 
+The stages are constant matrices, one-step training and training on rollouts. Each starts from the best
+candidate so far, chosen by its rollout error over the training clip. Steps after which the loss explodes are
+rolled back.
+"""
+
+import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.stage2 import objective
 from lagsplat.stage2.config import FormConfig, Stage2Config
-from lagsplat.stage2.decoder_mass import DecoderGeometry
-from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
-from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, linearize_modes
-from lagsplat.stage2.training import CurveRow, DynamicsFit, FitReport
+from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
+from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes, linearize_modes
+from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
+from lagsplat.stage2.rollout import (
+    ShootingTargets,
+    ShootingWindows,
+    cut_shooting_targets,
+    list_one_step_windows,
+    list_starts,
+    rollout,
+)
 
 KIND = "dynamics"
 SCHEMA = 3
+
+
+@dataclass(frozen=True)
+class CurveRow:
+    """One line of the training curve."""
+
+    stage: str  # 'start', 'one_step' or 'shooting'
+    step: int
+    loss: float
+    score: float
+    seconds: float
+
+
+@dataclass
+class FitReport:
+    """Report of a fit: the best score after each stage, the learned modes and the training curve.
+
+    A score is the rms rollout error over the rms of the training clip.
+    """
+
+    scores: dict[str, float] = field(default_factory=dict)
+    curve: list[CurveRow] = field(default_factory=list)
+    rejected: int = 0
+    taken_back: int = 0  # steps after which the loss exploded
+    time_unit_s: float = 0.0
+    n_parameters: int = 0
+    wall_s: float = 0.0
+    at_rest: LinearizedModes | None = None
+    under_mean_input: LinearizedModes | None = None
 
 
 def fit_dynamics(
@@ -112,3 +160,322 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         longest_step=settings["longest_step"],
     )
     return restore_module(lagrangian, tensors, path), header
+
+
+def choose_time_unit(
+    trajectory: EncodedTrajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
+) -> float:
+    """Compute the ratio of the rms velocity to the rms acceleration in the metric [s], about a period / 2 pi.
+
+    It uses differences over ``stride_frames`` at their true times. The ratio of position to velocity would be
+    the same for a free oscillation, but under a slow drive it becomes the much longer time of the drive.
+
+    Raises:
+        ValueError: the latents do not move.
+    """
+    k = stride_frames
+    at = list_starts(trajectory, before=k, after=k)
+    q, clock = trajectory.latents, trajectory.clock
+    # in strides of the median step
+    before, after = (clock.elapsed_s(at, ahead) / (k * clock.dt_s) for ahead in (-k, k))
+    moved = clock.slope(q, at, (-k, k)) * (k * clock.dt_s)
+    curved = 2.0 * ((q[at + k] - q[at]) / after - (q[at - k] - q[at]) / before) / (after - before)
+    speed, change = (float(np.einsum("ti,ij,tj->", x, metric, x)) for x in (moved, curved))
+    if not change > 0.0:
+        raise ValueError("the latents of the training clip do not move: there is no dynamics to learn")
+    return float(np.sqrt(speed / change)) * k * trajectory.dt_s
+
+
+@dataclass(frozen=True)
+class ValidationTask:
+    """The rollouts that score a candidate, and the rms of the clip that normalises their error."""
+
+    shots: ShootingTargets
+    metric: Tensor
+    rms: float
+
+    def score(self, lagrangian: Lagrangian) -> float:
+        """Compute the rms rollout error over the rms of the clip; infinite if any rollout diverges."""
+        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
+        error = float(objective.square_norm(q - self.shots.targets, self.metric).mean().sqrt()) / self.rms
+        return error if np.isfinite(error) else float("inf")
+
+
+def draw_validation_task(
+    trajectory: EncodedTrajectory, metric: Tensor, *, starts: int, n_states: int
+) -> ValidationTask:
+    """Make a task of rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
+
+    A horizon longer than every segment is cut to the longest one.
+
+    Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
+    """
+    longest = max(b - a for a, b in trajectory.segments)
+    n_states = max(3, min(n_states, longest - 5))
+    at = list_starts(trajectory, before=2, after=max(n_states, 3))
+    at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
+    offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
+    rms = float(objective.square_norm(offset, metric).mean().sqrt())
+    targets = cut_shooting_targets(trajectory, at, n_states=n_states, time_unit_s=1.0)
+    return ValidationTask(targets, metric, rms)
+
+
+@dataclass
+class BestCheckpoint:
+    """The parameters of the best candidate so far and the number of rejected ones."""
+
+    score: float = float("inf")
+    state: dict[str, Tensor] = field(default_factory=dict)
+    rejected: int = 0
+
+    def consider(self, lagrangian: Lagrangian, score: float) -> None:
+        """Keep the parameters if the score is the best so far."""
+        if score < self.score:
+            self.score = score
+            self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
+        else:
+            self.rejected += 1
+
+    def restore(self, lagrangian: Lagrangian) -> None:
+        """Put the best parameters back."""
+        lagrangian.load_state_dict(self.state)
+
+
+CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
+CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
+SHORTENED_LEGS = (2, 1)
+"""Divisors of the final rollout length in the legs of the training, which take equally many steps."""
+
+
+class DynamicsFit:
+    """A fit in progress: its data, the best candidate so far and the report; the stages are its methods.
+
+    Raises:
+        ValueError: segments too short for a window, or latents that do not move.
+    """
+
+    def __init__(
+        self,
+        trajectory: EncodedTrajectory,
+        metric: Float[np.ndarray, "d d"],
+        config: Stage2Config,
+        seed: int,
+        on_candidate: Callable[[CurveRow], None],
+    ) -> None:
+        unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
+        self.period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
+        self.time_unit_s = trajectory.dt_s if config.start.time_unit == "frame" else unit
+        bare = torch.from_numpy(metric)
+        n_states = round(config.select.periods * self.period_frames) + 1
+        starts = config.select.starts
+        self.validation = draw_validation_task(trajectory, bare, starts=starts, n_states=n_states)
+        self.metric = objective.add_ridge(bare, ridge=config.ridge)
+        self.trajectory, self.config, self.seed = trajectory, config, seed
+        self.anchor: objective.Anchor | None = None
+        self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
+        self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
+        self.started_s = time.perf_counter()
+
+    def score_candidate(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
+        """Score a candidate, keep it if it is the best, and add it to the training curve."""
+        score = self.validation.score(lagrangian)
+        self.best.consider(lagrangian, score)
+        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
+        self.report.curve.append(row)
+        self.on_candidate(row)
+
+    def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> Lagrangian:
+        """Make a Lagrangian with fitted or isotropic constant parts and networks that are zero."""
+        config, floor, inputs = self.config, self.config.floor, self.trajectory.inputs
+        mass, scale = None, 1.0
+        if config.form.mass == "induced" and geometry is not None:
+            mass, scale = _mean_induced(geometry, self.trajectory, floor.mass)
+        if config.start.source == "isotropic":
+            eye = torch.eye(len(rest), dtype=torch.float64)
+            damping, stiffness = config.start.damping * eye, config.start.stiffness * eye
+            no_force = torch.zeros(inputs.shape[1], len(rest), dtype=torch.float64)
+            start = Coefficients(eye, damping, stiffness, no_force, rest)
+            floors = Floors(floor.mass, floor.damping, floor.stiffness * config.start.stiffness)
+        else:
+            learn_rest = config.form.rest == "learned"
+            fit = ConstantFit(rest, inputs.shape[1], floor=floor, learn_rest=learn_rest, mass=mass)
+            windows, weight = self._cut_windows(), config.velocity_weight
+            fit.minimize(
+                lambda c: evaluate_one_step_error(c, windows, self.metric, velocity_weight=weight),
+                iterations=config.start.iterations,
+            )
+            if config.start.shooting_iterations:
+                self._shoot_constant(fit)
+            start, floors = fit.result()
+        return Lagrangian(
+            start,
+            form=config.form,
+            floors=floors,
+            time_unit_s=self.time_unit_s,
+            seed=self.seed,
+            geometry=geometry,
+            mass_scale=scale,
+            signed=measure_input_range(inputs).signed,
+            longest_step=config.longest_step,
+        )
+
+    def _shoot_constant(self, fit: ConstantFit) -> None:
+        config, inputs, n_states = self.config, self.trajectory.inputs, self._horizon(1.0)
+        at = list_starts(self.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
+        targets = self._cut_targets(at, n_states)
+
+        def error(c: Coefficients) -> Tensor:
+            return evaluate_shooting_error(c, targets, self.metric, longest_step=config.longest_step)
+
+        fit.minimize(error, iterations=config.start.shooting_iterations)
+        if config.form.actuation != "linear" and inputs.shape[1]:
+            softening = config.form.actuation == "bounded"
+            fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
+            fit.minimize(error, iterations=config.start.shooting_iterations)
+
+    def train_on_steps(self, lagrangian: Lagrangian) -> None:
+        """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
+        config, steps = self.config, round(self.config.effort * self.config.steps)
+        if not steps:
+            return
+        windows = self._cut_windows()
+
+        def loss() -> Tensor:
+            picked = windows.pick(torch.from_numpy(self.rng.integers(0, len(windows), config.batch)))
+            weight = config.velocity_weight
+            return objective.one_step_error(lagrangian, picked, self.metric, velocity_weight=weight)
+
+        self._descend(lagrangian, loss, "one_step", steps, config.lr, config.select.every)
+
+    def train_on_rollouts(self, lagrangian: Lagrangian) -> None:
+        """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
+
+        The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of
+        the law first.
+        """
+        shoot, total = self.config.shoot, round(self.config.effort * self.config.shoot.steps)
+        if not total:
+            return
+        self.best.restore(lagrangian)
+        self.anchor = objective.anchor_law(lagrangian, self.trajectory) if shoot.anchor else None
+        for leg, shortened in enumerate(SHORTENED_LEGS):
+            n_states = self._horizon(shoot.periods / shortened)
+            starts = list_starts(self.trajectory, before=2, after=n_states)
+            batch = shoot.batch * shortened
+            loss = partial(self._rollout_loss, lagrangian, starts, batch, n_states)
+            steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
+            if steps:
+                self._descend(lagrangian, loss, "shooting", steps, shoot.lr, max(1, steps // 10))
+
+    def _rollout_loss(self, lagrangian: Lagrangian, starts: np.ndarray, batch: int, n_states: int) -> Tensor:
+        targets = self._cut_targets(self.rng.choice(starts, batch), n_states)
+        error = objective.shooting_error(lagrangian, targets, self.metric)
+        if self.anchor is None:
+            return error
+        penalty = self.anchor.penalty(lagrangian, self.metric, self.rng)
+        return objective.anchored_error(error, penalty, weight=self.config.shoot.anchor)
+
+    def _cut_windows(self) -> ShootingWindows:
+        stride = self.config.stride_frames
+        return list_one_step_windows(self.trajectory, stride_frames=stride, time_unit_s=self.time_unit_s)
+
+    def _cut_targets(self, at: np.ndarray, n_states: int) -> ShootingTargets:
+        return cut_shooting_targets(self.trajectory, at, n_states=n_states, time_unit_s=self.time_unit_s)
+
+    def _horizon(self, periods: float) -> int:
+        longest = max(b - a for a, b in self.trajectory.segments)
+        return max(4, min(round(periods * self.period_frames) + 1, longest - 4))
+
+    def _descend(
+        self,
+        lagrangian: Lagrangian,
+        loss: Callable[[], Tensor],
+        stage: str,
+        steps: int,
+        lr: float,
+        every: int,
+    ) -> None:
+        config = self.config
+        parameters = [p for p in lagrangian.parameters() if p.requires_grad]
+        rollback = StepRollback(parameters)
+        optimizer = torch.optim.Adam(_group_parameters(lagrangian, lr), fused=True)
+        peaks = [group["lr"] for group in optimizer.param_groups]
+        for i in range(steps):
+            warmup = min(1.0, (i / steps + 1e-3) / 0.05)
+            cosine = 0.5 * (1.0 + math.cos(math.pi * (i / steps)))
+            schedule = warmup * (config.final_fraction + (1.0 - config.final_fraction) * cosine)
+            for group, peak in zip(optimizer.param_groups, peaks, strict=True):
+                group["lr"] = peak * (rollback.rate_factor * schedule)
+            optimizer.zero_grad()
+            value = loss()
+            if rollback.accept(float(value.detach())):
+                value.backward()
+                size = torch.nn.utils.clip_grad_norm_(parameters, config.gradient_clip)
+                if torch.isfinite(size):
+                    optimizer.step()
+                    lagrangian.project()
+            else:
+                optimizer.state.clear()
+            if (i + 1) % every == 0 or i + 1 == steps:
+                self.score_candidate(lagrangian, stage, i + 1, float(value.detach()))
+        self.report.taken_back += rollback.rollbacks
+
+
+def _mean_induced(
+    geometry: DecoderGeometry, trajectory: EncodedTrajectory, floor: float
+) -> tuple[Tensor, float]:
+    # energy has no observable scale: a unit mean mass fixes it
+    q = torch.from_numpy(trajectory.latents[:: max(1, len(trajectory.latents) // 500)])
+    bare = InducedMass(geometry, scale=1.0, floor=0.0).matrix(q).mean(0)
+    scale = (1.0 - floor) * bare.shape[0] / float(torch.trace(bare))
+    return scale * bare + floor * torch.eye(bare.shape[0], dtype=bare.dtype), scale
+
+
+def _group_parameters(lagrangian: Lagrangian, lr: float) -> list[dict[str, object]]:
+    # the constant parts start at the optimum of a stiff problem, which steps of a network's size would leave
+    free = [(name.split(".")[-1], p) for name, p in lagrangian.named_parameters() if p.requires_grad]
+    networks = [parameter for name, parameter in free if name not in CONSTANT_PARTS]
+    constants = [parameter for name, parameter in free if name in CONSTANT_PARTS]
+    return [{"params": networks, "lr": lr}, {"params": constants, "lr": CONSTANT_SHARE * lr}]
+
+
+EXPLODED = 5.0  # times the median of the recent losses
+REMEMBERED = 20  # losses in that median
+KEPT_EVERY = 10  # steps between two copies of good parameters
+SHORTENED = 0.7  # factor on later steps each time one is taken back
+
+
+class StepRollback:
+    """Rolls a descent back to good parameters when its loss explodes.
+
+    A rollout by explicit steps is unstable when its fastest mode comes near the frame rate. Beyond that limit
+    losses are huge and gradients useless, so that the descent cannot return by itself. It is reset and
+    continues with shorter steps.
+    """
+
+    def __init__(self, parameters: Sequence[Tensor]) -> None:
+        self.parameters = parameters
+        self.checkpoint = [parameter.detach().clone() for parameter in parameters]
+        self.recent: deque[float] = deque(maxlen=REMEMBERED)
+        self.accepted = 0
+        self.rollbacks = 0
+
+    @property
+    def rate_factor(self) -> float:
+        """Factor on the learning rate."""
+        return SHORTENED**self.rollbacks
+
+    def accept(self, loss: float) -> bool:
+        """Return whether the loss is good; if not, reset the parameters to the latest good ones."""
+        good = loss < EXPLODED * median(self.recent) if self.recent else loss < float("inf")
+        if not good:
+            self.rollbacks += 1
+            with torch.no_grad():
+                for parameter, saved in zip(self.parameters, self.checkpoint, strict=True):
+                    parameter.copy_(saved)
+            return False
+        if self.accepted % KEPT_EVERY == 0:
+            self.checkpoint = [parameter.detach().clone() for parameter in self.parameters]
+        self.accepted += 1
+        self.recent.append(loss)
+        return True

@@ -20,6 +20,7 @@ from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.splat.image_model import rasterize
+from lagsplat.stage1.gaussian_initialization import measure_edges, scatter_points
 
 KIND, SCHEMA = "forecaster", 1
 
@@ -257,7 +258,6 @@ class GraphNet(nn.Module):
 
 
 FEATURE_START = 1e-3
-FLAT_SHARE = 0.2  # probability spread over all pixels; edges and moving pixels share the rest
 
 
 class KeyPointScene(nn.Module):
@@ -304,26 +304,23 @@ class KeyPointScene(nn.Module):
 
 
 @torch.no_grad()
-def scatter_points(
+def place_key_point_scene(
     scene: KeyPointScene, frames: Frames, *, sigma: float, opacity: float, rng: np.random.Generator
 ) -> None:
     """Place the Gaussians where the first frame has edges and where frames differ, with the colours there.
 
     ``sigma`` is their initial size over the image height.
     """
-    first, n = np.asarray(frames[0]) / 255.0, len(scene.place)
+    first = np.asarray(frames[0]) / 255.0
     spread = np.asarray(frames[:: max(1, len(frames) // 50)]).std(axis=0).mean(-1)
-    edges = np.abs(np.stack(np.gradient(np.pad(first.mean(-1), 1, mode="edge")))).sum(0)[1:-1, 1:-1]
+    edges = measure_edges(first)
     busy = edges / max(edges.sum(), 1e-12) + spread / max(spread.sum(), 1e-12)
-    density = (1 - FLAT_SHARE) * busy / max(busy.sum(), 1e-12) + FLAT_SHARE / busy.size
-    pixels = rng.choice(busy.size, n, p=(density / density.sum()).ravel())
-    rows, columns = np.divmod(pixels, scene.width)
-    at = np.stack((columns, rows), 1) + rng.random((n, 2))
+    points, colors = scatter_points(first, busy, len(scene.place), rng)
     half = scene.width / 2
-    scene.place.copy_(torch.as_tensor((at - [half, scene.height / 2]) / half))
+    scene.place.copy_(torch.as_tensor((points - [half, scene.height / 2]) / half))
     scene.log_scale.fill_(math.log(sigma * scene.height))
     scene.opacity_logit.fill_(math.log(opacity / (1 - opacity)))
-    scene.color_logit.copy_(torch.as_tensor(np.clip(first[rows, columns], 0.01, 0.99)).logit())
+    scene.color_logit.copy_(colors)
     scene.background_logit.copy_(torch.as_tensor(first.mean((0, 1)).clip(0.01, 0.99)).logit())
     drawn = rng.uniform(-FEATURE_START, FEATURE_START, scene.feature.shape)
     scene.feature.copy_(torch.as_tensor(drawn))

@@ -8,9 +8,8 @@ import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
-from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
+from lagsplat.stage2.fit import choose_time_unit, fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.training import choose_time_unit
 from tests.stage2_problems import form
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S = 1.0 / 60.0, 1.5, 0.4

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.fit import SHORTENED, BestCheckpoint, StepRollback, draw_validation_task
 from lagsplat.stage2.rollout import rollout
-from lagsplat.stage2.training import SHORTENED, BestCheckpoint, StepRollback, draw_validation_task
 from tests.stage2_problems import random_lagrangian
 
 

@@ -57,14 +57,14 @@ def test_a_killed_training_ends_with_the_same_bits(tmp_path, monkeypatch, stop: 
     class Killed(Exception):
         pass
 
-    def until(fitting, moment, step, real=fit.train_step):
+    def until(fitting, step, real=fit.ForecasterFit.take_step):
         if step == stop:
             raise Killed
-        return real(fitting, moment, step)
+        return real(fitting, step)
 
     path = tmp_path / "state.pt"
     with monkeypatch.context() as patch:
-        patch.setattr(fit, "train_step", until)
+        patch.setattr(fit.ForecasterFit, "take_step", until)
         with pytest.raises(Killed):
             fit_forecaster(frames(), config, seed=3, checkpoint=path, identity="a")
     again, resumed = fit_forecaster(frames(), config, seed=3, checkpoint=path, identity="a")
@@ -88,6 +88,6 @@ def test_what_cannot_be_trained_says_why() -> None:
 
 def test_a_loss_that_is_not_finite_stops_the_training(monkeypatch) -> None:
     nothing = torch.tensor(float("nan"), requires_grad=True)
-    monkeypatch.setattr(fit, "forecast_loss", lambda *_: (nothing * 1.0, nothing.detach()))
+    monkeypatch.setattr(fit.ForecasterFit, "image_loss", lambda *_: (nothing * 1.0, nothing.detach()))
     with pytest.raises(FloatingPointError, match="lost its footing at step 0"):
         fit_forecaster(frames(), settings(), seed=0)

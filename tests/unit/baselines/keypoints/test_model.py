@@ -15,9 +15,9 @@ from lagsplat.baselines.keypoints.model import (
     fit_path,
     fourier_features,
     load_forecaster,
+    place_key_point_scene,
     read_forecaster_architecture,
     save_forecaster,
-    scatter_points,
     wrap_angle,
 )
 from tests.unit.baselines.keypoints.problems import frames, settings
@@ -27,7 +27,7 @@ from tests.unit.baselines.keypoints.problems import frames, settings
 def forecaster() -> Forecaster:
     config = settings()
     model = Forecaster(read_forecaster_architecture(config, height=16, width=20, frames=24), backend="torch")
-    scatter_points(
+    place_key_point_scene(
         model.scene,
         frames(side=20)[:, 2:18],
         sigma=0.1,

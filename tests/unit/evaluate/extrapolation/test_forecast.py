@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.linalg import expm
 
-from lagsplat.baselines.keypoints.model import Forecaster, read_forecaster_architecture, scatter_points
+from lagsplat.baselines.keypoints.model import Forecaster, place_key_point_scene, read_forecaster_architecture
 from lagsplat.baselines.neural_ode import NeuralOde
 from lagsplat.evaluate.extrapolation.forecast import (
     choose_looks,
@@ -190,7 +190,9 @@ def test_a_forecaster_and_a_free_equation_are_measured_alike(scene, film) -> Non
     settings = key_points.settings()
     of = read_forecaster_architecture(settings, height=swing.SIDE, width=swing.SIDE, frames=80)
     forecaster = Forecaster(of, backend="torch")
-    scatter_points(forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0))
+    place_key_point_scene(
+        forecaster.scene, film.frames[:80], sigma=0.1, opacity=0.5, rng=np.random.default_rng(0)
+    )
     forecaster.keys.gather(forecaster.scene.place.detach(), forecaster.scene.feature.detach(), seed=0)
     pictures = extrapolate_forecaster(scene, forecaster.eval())
     ode = NeuralOde(1, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
