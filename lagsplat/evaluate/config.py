@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from lagsplat.setting_checks import require_positive, require_setting
+from lagsplat.setting_checks import require_least, require_positive, require_setting
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -71,14 +71,13 @@ class EvaluateConfig:
         require_positive(self, "evaluate", "starts", "floor_frames", "bootstrap", "free_max_segments")
         require_positive(self, "evaluate", "decay_modes", "horizon_s", "periods", "free_min_s")
         require_positive(self, "evaluate", "window_cycles", "window_min_cycles")
-        for key in ("seed", "skip_s"):
-            require(key, getattr(self, key) >= 0, "must not be negative")
+        require_least(self, "evaluate", 0, "seed", "skip_s")
+        require_least(self, "evaluate", 1, "divergence_factor")
         for key in ("confidence", "free_rate_fraction", "free_excursion_fraction", "window_min_amplitude"):
             require(key, 0.0 < getattr(self, key) < 1.0, "must lie strictly between 0 and 1")
         require("period_s", self.period_s is None or self.period_s > 0, "must be positive or null")
         known = self.velocity in ("forward", "central", "neighbours")
         require("velocity", known, "must be forward, central or neighbours")
-        require("divergence_factor", self.divergence_factor >= 1, "must be at least 1")
         rule = f"must be at least twice window_min_cycles={self.window_min_cycles}: no peak fits the band"
         require("window_cycles", self.window_cycles >= 2 * self.window_min_cycles, rule)
 
@@ -132,7 +131,7 @@ class ExtrapolationConfig:
 
         require_positive(self, "extrapolation", "horizon_s", "shown_s", "looks", "look_periods")
         require_positive(self, "extrapolation", "history_periods", "range_error", "range_distance")
-        require("shift_frames", self.shift_frames >= 0, "must not be negative")
+        require_least(self, "extrapolation", 0, "shift_frames")
         odd = self.shift_steps > 0 and self.shift_steps % 2 == 1
         require("shift_steps", odd, "must be odd, so that no shift is among them")
         require("least_inside", 0 <= self.least_inside <= 1, "is a share: choose it in [0, 1]")

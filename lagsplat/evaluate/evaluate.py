@@ -40,7 +40,7 @@ def evaluate(
     recording: Recording,
     config: EvaluateConfig,
 ) -> dict[str, Any]:
-    """Every score of one trained run on the held-out part of its recording, ready for JSON.
+    """Every score of a trained run on the held-out part of its recording, ready for JSON.
 
     ``scores`` holds the table's numbers (None where nothing could be measured; the block of the same name
     says why), ``intervals`` their 95 % intervals over windows; the other blocks hold the details and the
@@ -95,10 +95,9 @@ def describe_dynamics(lagrangian: Lagrangian) -> str:
 
 
 def describe_external_force(autoencoder: Autoencoder) -> str:
-    """Where a force given in the image can act: ``anywhere`` or ``none``.
+    """Where a force given in the image can act: ``anywhere``, or ``none`` if no primitive moves.
 
-    A force on a rendered primitive reaches the dynamics through the primitive's Jacobian. So it can act
-    wherever something is rendered, provided that the centres move with the latent.
+    A force on a rendered primitive reaches the dynamics through the primitive's Jacobian.
     """
     return "anywhere" if bool(autoencoder.gaussians.jacobian().abs().amax() > 0) else "none"
 

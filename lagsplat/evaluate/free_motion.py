@@ -1,7 +1,4 @@
-"""Frequency and decay of free motion, rolled out against encoded, over windows with constant inputs.
-
-The modes of the linearised learned law are computed here too.
-"""
+"""Frequency and decay of free motion, rolled out against encoded, over windows with constant inputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

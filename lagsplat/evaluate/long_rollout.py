@@ -179,9 +179,9 @@ def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
     return FigureWindow(series, 0, start, min(start + most, end))
 
 
-def first_held_out(stretch: FigureWindow, chart: Chart) -> int | None:
+def first_held_out(window: FigureWindow, chart: Chart) -> int | None:
     """First held-out frame, counted from the start of the window; None if all of it is held out."""
-    first = chart.n_train - stretch.offset - stretch.start
+    first = chart.n_train - window.offset - window.start
     return first if first > 0 else None
 
 

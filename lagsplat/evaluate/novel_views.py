@@ -27,20 +27,20 @@ def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: Nov
     require_views(views, recording.frames)
     latents = encode_frames(autoencoder, recording.frames)
     train = np.arange(recording.n_frames) < recording.split()[0].n_frames
-    errors = {
-        name: view_errors(autoencoder, latents, camera, views.images[:, i], _known(views, i))
-        for i, (name, camera) in enumerate(zip(views.names, views.cameras, strict=True))
-        for camera in [views.space.seen_by(camera)]
-    }
+    rows = []
+    for i, camera in enumerate(views.cameras):
+        known = None if views.cover is None else views.cover[:, i] > 255 * KNOWN
+        place = views.space.seen_by(camera)
+        rows.append(view_errors(autoencoder, latents, place, views.images[:, i], known))
     own = views.space.seen_by(views.space.reference)
     filmed = view_errors(autoencoder, latents, own, recording.frames, None)
-    aside = np.stack(list(errors.values()))
-    groups = {"held_out": aside[views.held_out], "seen": aside[~views.held_out], "filmed": filmed[None]}
-    told: dict[str, Any] = {
+    errors = np.stack(rows)
+    groups = {"held_out": errors[views.held_out], "seen": errors[~views.held_out], "filmed": filmed[None]}
+    scores: dict[str, Any] = {
         name: {"train": _mean(values[:, train]), "rest": _mean(values[:, ~train]), "cameras": len(values)}
         for name, values in groups.items()
     }
-    return told | {"per_camera": {name: _mean(values) for name, values in errors.items()}}
+    return scores | {"per_camera": dict(zip(views.names, map(_mean, errors), strict=True))}
 
 
 @torch.no_grad()
@@ -59,10 +59,6 @@ def view_errors(
     square = np.square(draw_novel_view(autoencoder, latents, camera) - wanted).mean(3)
     weight = np.ones_like(square) if known is None else known
     return (square * weight).sum((1, 2)) / np.maximum(weight.sum((1, 2)), 1)
-
-
-def _known(views: NovelViews, camera: int) -> np.ndarray | None:
-    return None if views.cover is None else views.cover[:, camera] > 255 * KNOWN
 
 
 def _mean(errors: np.ndarray) -> float | None:

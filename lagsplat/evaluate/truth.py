@@ -1,7 +1,4 @@
-"""Compare learned physics with the truth of a simulated recording, which training never used.
-
-Also tests that answers do not depend on the coordinates, and how far the inertia depends on the state.
-"""
+"""Compare learned physics with the truth of a simulated recording, which training never used."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement
@@ -9,21 +6,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
-from scipy.optimize import linear_sum_assignment, minimize, root
-from torch import Tensor
+from jaxtyping import Float64
+from scipy.optimize import linear_sum_assignment
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
-from lagsplat.forces.equilibrium import OperatingPoint, compute_loaded_energy
-from lagsplat.forces.grasp import GraspPoint
 from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
 from lagsplat.systems.truth import Truth
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
 SAME = 0.25  # most relative distance in frequency between a fitted true oscillation and a true mode
-BEND = 0.1  # cubic part of the coordinates in which an equilibrium is solved again
 STATES = 2000  # maximum number of states, evenly spaced, at which the inertia is measured
 DEGREE = 3  # of the map from latents to true coordinates
 RIDGE = 1e-9
@@ -112,7 +105,9 @@ def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
     sides = [[mode for mode in side if mode is not None] for side in zip(*triples, strict=True)]
     rows = []
     for key, quantity, unit in RATES:
-        true, learned, encoded = (_median([mode[key] for mode in side]) for side in sides or ([], [], []))
+        true, learned, encoded = (
+            float(np.median([mode[key] for mode in side])) if side else None for side in sides or ([], [], [])
+        )
         rows.append(_row(f"{quantity}{name}, free rollout [{unit}]", learned, true, encoded))
     return rows
 
@@ -144,47 +139,6 @@ def _row(
     error = abs(learned / truth - 1.0) if learned is not None and truth else None
     row = {"quantity": quantity, "learned": learned, "truth": truth, "error": error, "encoded": encoded}
     return row | {"residual": None}
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return float(np.median(values)) if values else None
-
-
-def has_settled_elsewhere(
-    held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"], *, seed: int = 0
-) -> Float[Tensor, " d"]:
-    """The equilibrium under a force, solved in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
-
-    ``A`` is a random matrix of condition below three. Energy, elastic force and the matter's Jacobian are
-    those of the new chart, ``J Psi`` with ``Psi = dq/dx``; the solver is another one (BFGS, then Powell's
-    hybrid on the slope). Returned in the chart of the run; ``seed`` is that of ``A``.
-
-    Source: paper, Appendix "Invariance to the latent chart".
-    """
-    rng, d = np.random.default_rng(seed), held.law.d
-    turns = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(2)]
-    mixing = held.visited_radius * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
-    ready, rest = held.law.prepare(), held.rest.numpy()
-
-    def back(x: np.ndarray) -> np.ndarray:
-        return rest + (x + BEND * x**3) @ mixing
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        stretch = (1.0 + 3.0 * BEND * x**2)[:, None] * mixing  # row i: dq / dx_i
-        with torch.no_grad():
-            elastic = held.law.conservative_force(torch.from_numpy(back(x))[None], held.u[None], ready)
-        return -(stretch @ elastic[0].numpy() + (grip.jacobian.numpy() @ stretch.T).T @ force)
-
-    def value(x: np.ndarray) -> float:
-        q = torch.from_numpy(back(x))
-        with torch.no_grad():
-            return float(
-                compute_loaded_energy(held.law, q[None], held.u[None])[0]
-                - torch.from_numpy(force) @ grip.place(q)
-            )
-
-    near = minimize(value, np.zeros(d), jac=slope, method="BFGS").x
-    return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
 def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:

@@ -20,6 +20,9 @@ from lagsplat.stage1.deformation_decoder import DeformationField
 
 STILL = 1.5  # pixels within this factor of the quietest pixels' spread count as background
 AT_ONCE = 32
+KIND, SCHEMA = "velocity_maps", 1
+
+Maps = dict[str, dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -65,16 +68,12 @@ def compute_velocity_field(
 ) -> tuple[dict[str, Any], dict[str, Float32[np.ndarray, "..."]]]:
     """Measures of a decoder, and its image and rendered speeds at a moment.
 
-    ``l1`` and ``dissimilarity`` (1 - SSIM) are over all the frames it was fitted to. ``roughness`` is the
-    median over visible primitives of the mean difference of their velocity from those of their nearest
-    visible ``neighbours`` [px/s], ``speed`` the median of their own. ``painted_still`` and
-    ``painted_moving`` are the mean speeds [px/s], with speeds rendered in place of colours, over the still
-    background and over the rest. The maps are ``picture`` (3,H,W) and ``speed`` (H,W).
-
-    Args:
-        field, moment, backend: the decoder's deformation field, the state to render, and the rasteriser.
-        frames, latents: the frames it was fitted to, and their latents (T, d).
-        window, neighbours: size of the SSIM window [px], and number of neighbours.
+    ``l1`` and ``dissimilarity`` (1 - SSIM, in windows of ``window`` pixels) are over the ``frames`` that it
+    was fitted to. ``roughness`` is the median over visible primitives of the mean difference of their
+    velocity from those of their nearest visible ``neighbours`` [px/s], ``speed`` the median of their own.
+    ``painted_still`` and ``painted_moving`` are the mean speeds [px/s], with speeds rendered in place of
+    colours, over the still background and over the rest. The maps are ``picture`` (3,H,W) and ``speed``
+    (H,W).
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
@@ -131,11 +130,6 @@ def _reconstruction(
             for a, b in zip(drawn, truth, strict=True)
         ]
     return {"l1": float(torch.cat(l1).mean()), "dissimilarity": float(torch.stack(dissimilarity).mean())}
-
-
-KIND, SCHEMA = "velocity_maps", 1
-
-Maps = dict[str, dict[str, np.ndarray]]
 
 
 def save_maps(

@@ -5,19 +5,20 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float64
+from scipy.optimize import minimize, root
 from scipy.stats import spearmanr
 
 from lagsplat.evaluate.protocol import choose_evenly
-from lagsplat.evaluate.truth import has_settled_elsewhere
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.equilibrium import OperatingPoint, compute_loaded_energy
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
 from lagsplat.forces.moving_parts import MovingParts, choose_background_points, find_moving_parts
 
 POINTS = 60  # pixels of the object, evenly spaced in their list, at which it is pushed
-BACKGROUND = 9
-SMALL = 1e-5
-ANGLES = (0.7, 2.3)
+BACKGROUND = 9  # points without motion at which the background is pushed
+SMALL = 1e-5  # of the force, where answers are nearly linear
+ANGLES = (0.7, 2.3)  # directions of the two forces that are added [rad]
+BEND = 0.1  # cubic part of the coordinates in which an equilibrium is solved again
 
 
 def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, Any]:
@@ -132,12 +133,49 @@ def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
 
 def _chart(held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
     here = held.equilibria(grip.pull_back(torch.from_numpy(force))[None])[0]
-    there = has_settled_elsewhere(held, grip, force)
+    there = _settle_in_bent_chart(held, grip, force)
     pictures = held.render_images(torch.stack([here, there]))
     return {
         "state": float((here - there).norm()) / held.visited_radius,
         "picture": float(np.abs(pictures[0] - pictures[1]).max()),
     }
+
+
+def _settle_in_bent_chart(
+    held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]
+) -> torch.Tensor:
+    """The equilibrium under a force, solved in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
+
+    ``A`` is a random matrix of condition below three. Energy, elastic force and the matter's Jacobian are
+    those of the new chart, ``J Psi`` with ``Psi = dq/dx``; the solver is another one (BFGS, then Powell's
+    hybrid on the slope).
+
+    Source: paper, Appendix "Invariance to the latent chart".
+    """
+    rng, d = np.random.default_rng(0), held.law.d
+    turns = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(2)]
+    mixing = held.visited_radius * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
+    ready, rest = held.law.prepare(), held.rest.numpy()
+
+    def back(x: np.ndarray) -> np.ndarray:
+        return rest + (x + BEND * x**3) @ mixing
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        stretch = (1.0 + 3.0 * BEND * x**2)[:, None] * mixing  # row i: dq / dx_i
+        with torch.no_grad():
+            elastic = held.law.conservative_force(torch.from_numpy(back(x))[None], held.u[None], ready)
+        return -(stretch @ elastic[0].numpy() + (grip.jacobian.numpy() @ stretch.T).T @ force)
+
+    def value(x: np.ndarray) -> float:
+        q = torch.from_numpy(back(x))
+        with torch.no_grad():
+            return float(
+                compute_loaded_energy(held.law, q[None], held.u[None])[0]
+                - torch.from_numpy(force) @ grip.place(q)
+            )
+
+    near = minimize(value, np.zeros(d), jac=slope, method="BFGS").x
+    return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
 def _across(grip: GraspPoint) -> float:

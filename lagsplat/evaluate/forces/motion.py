@@ -1,7 +1,4 @@
-"""All measurements of forces in the image on one run: static answers, answers in time, forces in space.
-
-The forces in space act on one grasp: one cannot move it, the other does.
-"""
+"""All measurements of forces in the image on one run: static answers, answers in time, forces in space."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -111,13 +111,11 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
         figure = new_figure(PAGE_IN, rows * (side * height / width + 0.1) + 0.35, title=title)
         axes = figure.subplots(rows, 3, squeeze=False).ravel()
         for axis, letter, panel in zip(axes, ascii_lowercase, panels.panels, strict=False):
-            axis.imshow(panel.image.clip(0.0, 1.0), extent=(0, width, height, 0))
+            _show(axis, panel.image, panels.size)
             axis.contour(*outline, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
             for foot, force in panel.arrows:
                 _draw_force(axis, foot, scale * force)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
-        for axis in axes:
-            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
         for axis in axes[len(panels.panels) :]:
             axis.set_axis_off()
     return figure
@@ -218,14 +216,13 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
         for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
             images = held.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
             for row, (axis, image) in enumerate(zip(axes[:, column], images, strict=True)):
-                axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0))
+                _show(axis, image, (height, width))
                 if row:
                     foot = push.grip.place(q[row]).numpy()
                     start, stop = camera.project(np.stack([foot, foot + length * push.directions[row - 1]]))
                     _draw_force(axis, start, stop - start)
                 text = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _describe_shift(push, row)
                 axis.set_title(f"({ascii_lowercase[3 * row + column]}) {text}", loc="left")
-                axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
         for axis, name in zip(axes[:, 0], names, strict=True):
             axis.set_ylabel(name)
     return figure
@@ -264,15 +261,22 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
             return figure
         rows = truth["map"]
         for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
-            axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=0.45)
+            _show(axis, image, (height, width), alpha=0.45)
             errors = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
             x, y, values = np.array(errors).reshape(-1, 3).T
             dots = axis.scatter(
                 x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
             )
             figure.colorbar(dots, ax=axis, orientation="horizontal", extend="max", shrink=0.9, aspect=30)
-            axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0), title=what)
+            axis.set_title(what)
     return figure
+
+
+def _show(axis: Axes, image: np.ndarray, size: tuple[int, int], *, alpha: float = 1.0) -> None:
+    """Show an image over ``size`` (rows, columns) pixels, in whose units everything else is drawn."""
+    height, width = size
+    axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=alpha)
+    axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
 
 
 def _draw_force(axis: Axes, foot: np.ndarray, vector: np.ndarray) -> None:

@@ -64,27 +64,21 @@ def compute_attention(
 
 
 def draw_comparison(models: Mapping[str, EvaluationSubject], *, title: str) -> Figure:
-    """Draw the gallery of the recording and all models, from the first scored frame of its longest clip."""
+    """Draw a row for the recording and each model, from the first scored frame of its longest clip on."""
     subject = next(iter(models.values()))
     frames = choose_frames(subject)
     rows = [("recorded", subject.pictures(frames))]
     rows += [(name, predict_frames(model, frames)) for name, model in models.items()]
-    times_s = (subject.held.dt_s * (frames - frames[0])).tolist()
-    return draw_gallery(rows, times_s, title=f"Every model from the same start · {title}")
-
-
-def draw_gallery(rows: Sequence[tuple[str, FrameStack]], times_s: Sequence[float], *, title: str) -> Figure:
-    """Draw a row for the recording and each model, and a column for each instant."""
     with paper_style():
-        side = PAGE_IN / 8.0
-        figure = new_figure(side * len(times_s) + 1.4, side * len(rows) + 0.6, title=title)
-        axes = figure.subplots(len(rows), len(times_s), squeeze=False)
+        side, title = PAGE_IN / 8.0, f"Every model from the same start · {title}"
+        figure = new_figure(side * len(frames) + 1.4, side * len(rows) + 0.6, title=title)
+        axes = figure.subplots(len(rows), len(frames), squeeze=False)
         for row, (name, images) in zip(axes, rows, strict=True):
             for axis, image in zip(row, images, strict=True):
                 axis.imshow(np.clip(np.moveaxis(image, 0, 2), 0.0, 1.0))
                 axis.set(xticks=[], yticks=[])
             row[0].set_ylabel(name, rotation=0, ha="right", va="center")
-        for axis, time_s in zip(axes[0], times_s, strict=True):
+        for axis, time_s in zip(axes[0], subject.held.dt_s * (frames - frames[0]), strict=True):
             axis.set_title(f"{time_s:.2g} s")
     return figure
 

@@ -1,7 +1,4 @@
-"""The benchmark of the pneumatic arms: our runs, the published baselines, and the paper's numbers.
-
-`build_margin_table` compares variants of our dynamics with the constant-coefficient one, window by window.
-"""
+"""The benchmark of the pneumatic arms: our runs, the published baselines, and the paper's numbers."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,8 +1,4 @@
-"""Two tables of the answers to forces: against the true ones of the simulated systems, and what must hold.
-
-The first compares answers to known forces with the truth. The second holds the invariants of forces in the
-image, which need no truth, beside the paper's own values.
-"""
+"""Answers to forces: against the true ones of simulated systems, and what must hold without a truth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -75,14 +71,9 @@ def build_force_rows(
     return rows
 
 
-def build_force_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Build the table of the rows of `build_force_rows`, with the columns `ACCURACY_COLUMNS`."""
-    return build_table(rows, ACCURACY_COLUMNS)
-
-
 def format_force_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """Format the rows of `build_force_rows` in LaTeX; ``titles`` gives the heading of each system's block."""
-    frame = build_force_table(rows)
+    frame = build_table(rows, ACCURACY_COLUMNS)
     return format_grouped_table(
         frame,
         by="system",
@@ -178,17 +169,12 @@ def build_invariant_rows(
     return rows
 
 
-def build_invariant_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Build the table of the rows of `build_invariant_rows`, with the columns `INVARIANT_COLUMNS`."""
-    return build_table(rows, INVARIANT_COLUMNS)
-
-
 def format_invariant_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
     """Format the rows of `build_invariant_rows` in LaTeX; ``titles`` gives the heading of each block.
 
     Source: paper, "Applying forces".
     """
-    frame = build_invariant_table(rows)
+    frame = build_table(rows, INVARIANT_COLUMNS)
     ours = frame[frame["method"] != "paper"]
     return format_grouped_table(
         frame,

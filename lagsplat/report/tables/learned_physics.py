@@ -1,8 +1,4 @@
-"""The learned physics of every system: against its truth, by form of the mass, beside the paper, guaranteed.
-
-Four tables: the truth of the simulated systems; the mass ablations over one frozen autoencoder; the paper's
-table of free rollouts; and what no learned Lagrangian can break.
-"""
+"""Tables of the learned physics: against the truth, by form of the mass, beside the paper, guaranteed."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -149,11 +145,6 @@ def build_mass_rows(
             paper = {"robot": group.system, "d": 4, "recording": RECORDING, "profile": "the paper's"}
             rows += [{**paper, "mass": f"{name} (paper)", **scores} for name, scores in PAPER_MASSES.items()]
     return rows
-
-
-def build_mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Build the table of the rows of `build_mass_rows`, with the columns `MASS_COLUMNS`."""
-    return table_rows.build_table(rows, MASS_COLUMNS)
 
 
 def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 
+from lagsplat.report.common.table_rows import build_table
 from lagsplat.report.figures.forces import draw_force_map
 from lagsplat.report.tables.forces import (
+    ACCURACY_COLUMNS,
+    INVARIANT_COLUMNS,
     build_force_rows,
-    build_force_table,
     build_invariant_rows,
-    build_invariant_table,
     format_force_latex,
     format_invariant_latex,
     format_order_of_magnitude,
@@ -54,7 +55,7 @@ TRUTH = {
 def test_the_paper_s_values_stand_beside_ours_and_say_so() -> None:
     rows = build_invariant_rows([RUN], [{"invariants": INVARIANTS}])
     assert [row["method"] for row in rows] == ["ours", "paper"]
-    frame = build_invariant_table(rows)
+    frame = build_table(rows, INVARIANT_COLUMNS)
     assert frame["ratio"].tolist() == [500.0, 70.0]
     assert frame["n_seeds"].tolist()[0] == 1
     tex = format_invariant_latex(rows, titles={"rainbow_rocker": "rocker"})
@@ -62,7 +63,7 @@ def test_the_paper_s_values_stand_beside_ours_and_say_so() -> None:
     assert "simulated" in tex
     other = build_invariant_rows([{**RUN, "system": "toy"}], [{"invariants": {**INVARIANTS, "lever": None}}])
     assert [row["method"] for row in other] == ["ours"]
-    assert math.isnan(build_invariant_table(other).astype({"left": float})["left"][0])
+    assert math.isnan(build_table(other, INVARIANT_COLUMNS).astype({"left": float})["left"][0])
 
 
 def test_a_run_in_space_has_a_row_of_what_is_felt_across() -> None:
@@ -98,7 +99,7 @@ def test_every_kind_of_answer_has_a_row() -> None:
         "span of energies, mass",
         "first motion, learned mass",
     ]
-    frame = build_force_table(rows)
+    frame = build_table(rows, ACCURACY_COLUMNS)
     assert frame["scale_high"][0] == 1.2
     assert frame["error"][3] == 0.3
     assert frame["span"][4] == 30.0

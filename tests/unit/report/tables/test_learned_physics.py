@@ -7,13 +7,12 @@ import subprocess
 import pytest
 
 from lagsplat.report.common.published_values import SYSTEMS
-from lagsplat.report.common.table_rows import build_rows
+from lagsplat.report.common.table_rows import build_rows, build_table
 from lagsplat.report.tables.learned_physics import (
     MASS_COLUMNS,
     PHYSICAL_COLUMNS,
     TRUTH_COLUMNS,
     build_mass_rows,
-    build_mass_table,
     build_physical_table,
     build_truth_table,
     format_mass_latex,
@@ -92,7 +91,7 @@ def mass_rows() -> list[dict]:
 
 
 def test_each_form_has_a_row_and_its_gain(mass_rows):
-    frame = build_mass_table(mass_rows)
+    frame = build_table(mass_rows, MASS_COLUMNS)
     assert tuple(frame.columns) == MASS_COLUMNS
     forms = ["learned", "induced by the decoder", "constant"]
     assert frame["mass"].tolist() == [
