@@ -3,7 +3,7 @@
 import hashlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -17,14 +17,8 @@ from lagsplat.io.files.atomic import sha256_of
 from lagsplat.io.files.ply import PlyCloud, read_sharp
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording
-from lagsplat.novel_views.sharp_tool import (
-    LiftedFrame,
-    SharpCache,
-    cache_key,
-    focal_px,
-    require_sharp,
-    run_sharp,
-)
+from lagsplat.novel_views import sharp_tool
+from lagsplat.novel_views.sharp_tool import LiftedFrame, SharpCache
 from lagsplat.splat.point_cloud import PointCloudScene, build_point_cloud, merge_clouds
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.video import render_true_views
@@ -38,17 +32,6 @@ FINER = 2  # cells of a merged grid per pixel, each way
 SAME_FOCAL = 1e-3
 QUIET = 1.5  # times the median spread over time, plus one level, is the limit for still pixels
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class SharpLifting:
-    """A clip to lift: its settings, its own camera, its still pixels and its cache."""
-
-    sharp: SharpConfig
-    arrangement: ArrangementConfig
-    film: Camera
-    still: Bool[np.ndarray, "H W"]
-    cache: SharpCache
 
 
 def make_sharp_views(
@@ -67,17 +50,17 @@ def make_sharp_views(
     """
     frames = np.asarray(recording.frames)
     height, width = frames.shape[1:3]
-    focal = focal_px(sharp.focal_35mm, height=height, width=width)
-    film = center_camera(np.eye(3), np.zeros(3), focal=focal, height=height, width=width)
-    lifting = SharpLifting(sharp, arrangement, film, find_still_pixels(frames), SharpCache(folder))
-    keys = [cache_key(frame, sharp.focal_35mm, sharp.upscale) for frame in frames]
-    with lifting.cache.held():
-        space = _begin(lifting, frames[0], keys[0])
-        _fill(lifting, space, dict(zip(keys, frames, strict=True)), reference=keys[0])
-        found = [lifting.cache.find(key) for key in keys]
-    lifted = [each for each in found if each is not None]
-    assert len(lifted) == len(keys), "every frame has just been lifted"
-    residual = float(np.median([each.told["residual"] for each in lifted]))
+    focal = sharp_tool.focal_px(sharp.focal_35mm, height=height, width=width)
+    camera = center_camera(np.eye(3), np.zeros(3), focal=focal, height=height, width=width)
+    lifting = SharpLifting(sharp, arrangement, camera, find_still_pixels(frames), SharpCache(folder))
+    keys = [sharp_tool.cache_key(frame, sharp.focal_35mm, sharp.upscale) for frame in frames]
+    with lifting.cache.lock():
+        space = lifting.begin(frames[0], keys[0])
+        first = lifting.cache.find(keys[0])
+        assert first is not None, "it has just been lifted"
+        lifting.fill(space, dict(zip(keys, frames, strict=True)), first.depth)
+        lifted = [each for each in map(lifting.cache.find, keys) if each is not None]
+    residual = float(np.median([each.alignment["residual"] for each in lifted]))
     log.info("depths agree to %.2g where nothing moves; cache: %.0f MB", residual, lifting.cache.size_mb())
     cameras, names, held_out = arrange_cameras(space, arrangement)
     return NovelViews(
@@ -96,129 +79,122 @@ def find_still_pixels(frames: Frames) -> Bool[np.ndarray, "H W"]:
     return spread <= QUIET * np.median(spread) + 1.0
 
 
-def _begin(lifting: SharpLifting, frame: np.ndarray, key: str) -> ViewSpace:
-    """The clip's coordinates: from the cache, or from the first frame, which is then lifted."""
-    there = lifting.cache.manifest()
-    started, cloud = time.monotonic(), None
-    depth = None if there is None else there.get("pivot_depth")
-    if depth is None:
-        for _, ply in run_sharp({key: frame}, lifting.sharp, within=lifting.cache.folder):
-            cloud = _cloud(ply, lifting)
-            _keep_cloud(ply, lifting, key)
-        assert cloud is not None, "the tool leaves no frame out without an error"
-        shown = build_point_cloud(cloud, [lifting.film], blur_px2=lifting.sharp.blur_px2)
-        moving = ~lifting.still & (shown.cover[0] > KNOWN)
-        depth = float(np.median(shown.depth[0][moving if moving.any() else shown.cover[0] > KNOWN]))
-        log.info("SHARP lifted the first frame; the pivot is %.3g m ahead", depth)
-    space = ViewSpace(lifting.film, depth)
-    cameras = arrange_cameras(space, lifting.arrangement)[0]
-    lifting.cache.claim(
-        {
-            "cameras": hashlib.sha256(cameras_bytes(cameras)).hexdigest()[:16],
-            "arrangement": asdict(lifting.arrangement),
-            "pivot_depth": depth,
-            "focal_35mm": lifting.sharp.focal_35mm,
-            "upscale": lifting.sharp.upscale,
-            "blur_px2": lifting.sharp.blur_px2,
-            "first_frame": key,
-        }
-    )
-    if cloud is not None:
-        _agree_on_weights(lifting)
-        lifting.cache.keep(key, _seen(cloud, lifting, cameras, None, started))
-    return space
+@dataclass(frozen=True)
+class SharpLifting:
+    """A clip to lift: its settings, its own camera, its still pixels and its cache."""
 
+    sharp: SharpConfig
+    arrangement: ArrangementConfig
+    camera: Camera
+    still: Bool[np.ndarray, "H W"]
+    cache: SharpCache
 
-def _fill(lifting: SharpLifting, space: ViewSpace, frames: dict[str, np.ndarray], *, reference: str) -> None:
-    """Lift the frames missing from the cache, the first frame first."""
-    cameras = arrange_cameras(space, lifting.arrangement)[0]
-    missing = {key: frame for key, frame in frames.items() if lifting.cache.find(key) is None}
-    for chosen in ({reference} & set(missing), set(missing) - {reference}):
-        todo = {key: missing[key] for key in chosen}
-        if not todo:
-            continue
-        _agree_on_weights(lifting)
-        first = lifting.cache.find(reference)
-        started = time.monotonic()
+    def begin(self, frame: np.ndarray, key: str) -> ViewSpace:
+        """The clip's coordinates, from the cache or the first frame, which is lifted if it is not cached."""
+        started, cloud = time.monotonic(), None
+        depth = (self.cache.manifest() or {}).get("pivot_depth")
+        if depth is None:
+            cloud = dict(self._lift({key: frame}))[key]
+            shown = build_point_cloud(cloud, [self.camera], blur_px2=self.sharp.blur_px2)
+            covered = shown.cover[0] > KNOWN
+            moving = ~self.still & covered
+            depth = float(np.median(shown.depth[0][moving if moving.any() else covered]))
+            log.info("SHARP lifted the first frame; the pivot is %.3g m ahead", depth)
+        space = ViewSpace(self.camera, depth)
+        cameras = arrange_cameras(space, self.arrangement)[0]
+        self.cache.claim(
+            {
+                "cameras": hashlib.sha256(cameras_bytes(cameras)).hexdigest()[:16],
+                "arrangement": asdict(self.arrangement),
+                "pivot_depth": depth,
+                "focal_35mm": self.sharp.focal_35mm,
+                "upscale": self.sharp.upscale,
+                "blur_px2": self.sharp.blur_px2,
+                "first_frame": key,
+            }
+        )
+        if cloud is not None or self.cache.find(key) is None:
+            self._check_weights()
+            cloud = cloud or dict(self._lift({key: frame}))[key]
+            self.cache.keep(key, self._draw(cloud, cameras, None, started))
+        return space
+
+    def fill(self, space: ViewSpace, frames: dict[str, np.ndarray], reference: np.ndarray) -> None:
+        """Lift the frames missing from the cache; ``reference`` are the depths of the first."""
+        cameras = arrange_cameras(space, self.arrangement)[0]
+        missing = {key: frame for key, frame in frames.items() if self.cache.find(key) is None}
+        if not missing:
+            return
+        self._check_weights()
         log.info(
             "SHARP: %d of %d frames to lift; each takes some 4 min of a processor core or 1 s of a GPU, and "
             "%.1f MB",
-            len(todo),
+            len(missing),
             len(frames),
-            4e-6 * len(cameras) * lifting.film.height * lifting.film.width,
+            4e-6 * len(cameras) * self.camera.height * self.camera.width,
         )
-        with tqdm(total=len(frames), initial=len(frames) - len(todo), unit="frame", desc="SHARP") as bar:
-            for key, ply in run_sharp(todo, lifting.sharp, within=lifting.cache.folder):
-                depth = None if first is None else first.depth
-                lifting.cache.keep(key, _seen(_cloud(ply, lifting), lifting, cameras, depth, started))
-                _keep_cloud(ply, lifting, key)
+        started, done = time.monotonic(), len(frames) - len(missing)
+        with tqdm(total=len(frames), initial=done, unit="frame", desc="SHARP") as bar:
+            for key, cloud in self._lift(missing):
+                self.cache.keep(key, self._draw(cloud, cameras, reference, started))
                 started = time.monotonic()
                 bar.update()
-                bar.set_postfix(MB=f"{lifting.cache.size_mb():.0f}")
+                bar.set_postfix(MB=f"{self.cache.size_mb():.0f}")
 
+    def _lift(self, frames: dict[str, np.ndarray]) -> Iterator[tuple[str, PlyCloud]]:
+        """The frames' clouds, as soon as each is ready."""
+        for key, ply in sharp_tool.run_sharp(frames, self.sharp, within=self.cache.folder):
+            yield key, self._read_cloud(ply)
+            if self.sharp.keep_clouds:
+                ply.replace(self.cache.folder / f"{key}.ply")
 
-def _agree_on_weights(lifting: SharpLifting) -> None:
-    """Check that one network makes all frames of a cache."""
-    require_sharp(lifting.sharp)
-    checkpoint = Path(str(lifting.sharp.checkpoint)).expanduser()
-    lifting.cache.name_weights(sha256_of(checkpoint))
+    def _check_weights(self) -> None:
+        """Check that one network makes all frames of a cache."""
+        sharp_tool.require_sharp(self.sharp)
+        self.cache.name_weights(sha256_of(Path(str(self.sharp.checkpoint)).expanduser()))
 
+    def _read_cloud(self, ply: Path) -> PlyCloud:
+        """A lifted frame, merged down to the resolution of its images."""
+        scene, times, width = read_sharp(ply), self.sharp.upscale, self.camera.width
+        if abs(scene.focal / times / self.camera.focal[0] - 1) > SAME_FOCAL or scene.width != times * width:
+            raise ValueError(
+                f"SHARP took the frame for {scene.width} px wide, its focal length for {scene.focal:.1f} px, "
+                f"but was given {times * width} and {times * self.camera.focal[0]:.1f}; views of one clip "
+                "need one focal length: does this version read EXIF?"
+            )
+        side = round((len(scene.cloud.means) / LAYERS) ** 0.5)
+        by = max((n for n in range(1, side + 1) if side % n == 0 and side // n >= FINER * width), default=1)
+        if LAYERS * side * side != len(scene.cloud.means) or by == 1:
+            return scene.cloud
+        return merge_clouds(scene.cloud, side=side, by=by, layers=LAYERS)
 
-def _cloud(ply: Path, lifting: SharpLifting) -> PlyCloud:
-    """Read a lifted frame, merged down to the resolution of its images."""
-    found, film, times = read_sharp(ply), lifting.film, lifting.sharp.upscale
-    if abs(found.focal / times / film.focal[0] - 1) > SAME_FOCAL or found.width != times * film.width:
-        raise ValueError(
-            f"SHARP took the frame for {found.width} pixels wide, with a focal length of {found.focal:.1f}. "
-            f"It was given {times * film.width} and {times * film.focal[0]:.1f}; views of one clip need one "
-            "focal length: does this version read EXIF?"
-        )
-    side = round((len(found.cloud.means) / LAYERS) ** 0.5)
-    by = max((n for n in range(1, side + 1) if side % n == 0 and side // n >= FINER * film.width), default=1)
-    if LAYERS * side * side != len(found.cloud.means) or by == 1:
-        return found.cloud
-    return merge_clouds(found.cloud, side=side, by=by, layers=LAYERS)
-
-
-def _keep_cloud(ply: Path, lifting: SharpLifting, key: str) -> None:
-    if lifting.sharp.keep_clouds:
-        ply.replace(lifting.cache.folder / f"{key}.ply")
-
-
-def _seen(
-    cloud: PlyCloud,
-    lifting: SharpLifting,
-    cameras: list[Camera],
-    reference: np.ndarray | None,
-    started: float,
-) -> LiftedFrame:
-    """Draw the frame's views, its depths scaled to the ``reference`` on still pixels."""
-    blur = lifting.sharp.blur_px2
-    own = build_point_cloud(cloud, [lifting.film], blur_px2=blur)
-    scale, residual = (1.0, 0.0) if reference is None else align_depths(own, reference, lifting.still)
-    moved = replace(cloud, means=scale * cloud.means, scales=scale * cloud.scales)
-    shown = build_point_cloud(moved, cameras, blur_px2=blur)
-    told = {"scale": scale, "residual": residual, "seconds": time.monotonic() - started}
-    cover = np.round(255 * shown.cover.clip(0, 1)).astype(np.uint8)
-    return LiftedFrame(shown.images, cover, np.float32(scale) * own.depth[0], told)
+    def _draw(
+        self, cloud: PlyCloud, cameras: list[Camera], reference: np.ndarray | None, started: float
+    ) -> LiftedFrame:
+        """Draw the frame's views, its depths scaled to the ``reference`` on still pixels."""
+        blur = self.sharp.blur_px2
+        front = build_point_cloud(cloud, [self.camera], blur_px2=blur)
+        scale, residual = (1.0, 0.0) if reference is None else align_depths(front, reference, self.still)
+        moved = replace(cloud, means=scale * cloud.means, scales=scale * cloud.scales)
+        shown = build_point_cloud(moved, cameras, blur_px2=blur)
+        alignment = {"scale": scale, "residual": residual, "seconds": time.monotonic() - started}
+        cover = np.round(255 * shown.cover.clip(0, 1)).astype(np.uint8)
+        return LiftedFrame(shown.images, cover, np.float32(scale) * front.depth[0], alignment)
 
 
 def align_depths(
-    own: PointCloudScene, reference: np.ndarray, still: Bool[np.ndarray, "H W"]
+    front: PointCloudScene, reference: np.ndarray, still: Bool[np.ndarray, "H W"]
 ) -> tuple[float, float]:
     """Scale a frame's depths to the reference on still pixels.
 
     Returns the factor and the median relative difference left; 1 and 0 if no pixel can be compared.
     """
-    known = still & (own.cover[0] > KNOWN) & (reference > 0) & (own.depth[0] > 0)
+    known = still & (front.cover[0] > KNOWN) & (reference > 0) & (front.depth[0] > 0)
     if not known.any():
         return 1.0, 0.0
-    ratio = reference[known] / own.depth[0][known]
+    ratio = reference[known] / front.depth[0][known]
     scale = float(np.median(ratio))
     return scale, float(np.median(np.abs(scale / ratio - 1)))
-
-
-Say = Callable[[str], None]
 
 
 def obtain_views(
@@ -232,12 +208,8 @@ def obtain_views(
 ) -> NovelViews:
     """Make the novel views that the settings ask for.
 
-    Args:
-        config: Kind and settings of the views.
-        recording: The recording to view.
-        source: Settings the recording was read with.
-        released, states: The simulated system and its true states, if the recording is simulated.
-        cache: Folder for lifted frames, unless the settings name another.
+    ``source`` has the settings the recording was read with, ``released`` and ``states`` the simulated system
+    and its true states, if it is simulated; lifted frames go to ``cache``, unless the settings name another.
 
     Raises:
         ValueError: the kind of views does not suit the recording, or as the source of the views.

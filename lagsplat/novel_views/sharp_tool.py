@@ -37,13 +37,14 @@ LIFTING = "lifting-"  # prefix of the temporary folders of frames being lifted
 class LiftedFrame:
     """Views of one frame: images, their cover in [0, 255], and depth [m] from the recording's camera.
 
-    ``told`` has the ``scale`` that aligned it, the ``residual`` difference, and its time in ``seconds``.
+    ``alignment`` has the depths' ``scale``, the ``residual`` difference, and the time that it took in
+    ``seconds``.
     """
 
     images: UInt8[np.ndarray, "V H W 3"]
     cover: UInt8[np.ndarray, "V H W"]
     depth: Float32[np.ndarray, "H W"]
-    told: dict[str, Any]
+    alignment: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class SharpCache:
     folder: Path
 
     @contextmanager
-    def held(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Lock the cache; the operating system releases it when the process ends in any way.
 
         Raises:
@@ -84,15 +85,14 @@ class SharpCache:
             ValueError: the cache was made with other cameras or settings; names them.
         """
         common = json.loads(json.dumps(common))
-        there = self.manifest()
-        if there is None:
+        stored = self.manifest()
+        if stored is None:
             save_json(self.folder / MANIFEST, common)
             return
-        other = [
-            f"{key} ({there.get(key)} there, {common[key]} asked)"
-            for key in common
-            if there.get(key) != common[key]
-        ]
+        other = []
+        for key, value in common.items():
+            if stored.get(key) != value:
+                other.append(f"{key} ({stored.get(key)} there, {value} asked)")
         if other:
             raise ValueError(
                 f"the cache {self.folder} was made with other {', '.join(other)}; give "
@@ -127,7 +127,7 @@ class SharpCache:
     def keep(self, key: str, lifted: LiftedFrame) -> None:
         """Save the views of a frame atomically."""
         tensors = {"images": lifted.images, "cover": lifted.cover, "depth": lifted.depth}
-        save_artifact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.told})
+        save_artifact(self._file(key), tensors, {"kind": KIND, "schema": SCHEMA, "told": lifted.alignment})
 
     def size_mb(self) -> float:
         """Total size of all files [MB]."""
@@ -140,8 +140,8 @@ class SharpCache:
 def cache_key(frame: np.ndarray, *settings: object) -> str:
     """Digest of a frame's pixels and shape, and of the settings it is lifted with."""
     content = np.ascontiguousarray(frame)
-    told = json.dumps([content.shape, *settings]).encode()
-    return hashlib.sha256(told + content.tobytes()).hexdigest()[:32]
+    header = json.dumps([content.shape, *settings]).encode()
+    return hashlib.sha256(header + content.tobytes()).hexdigest()[:32]
 
 
 EXIF_IFD, FOCAL_35MM = 0x8769, 0xA405
@@ -199,8 +199,8 @@ def run_sharp(
             write_image(inputs / f"{name}.jpg", frame, config)
         command = [*words, "predict", "-i", str(inputs), "-o", str(outputs)]
         command += ["-c", str(Path(str(config.checkpoint)).expanduser())]
-        with log.open("w") as told:
-            process = subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT)
+        with log.open("w") as output:
+            process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
         try:
             while waiting:
                 ended = process.poll() is not None
@@ -208,12 +208,12 @@ def run_sharp(
                 for name in done:
                     yield name, outputs / f"{name}.ply"
                     (outputs / f"{name}.ply").unlink(missing_ok=True)  # missing if the caller moved it
-                    waiting.discard(name)
+                waiting -= set(done)
                 if ended and waiting and not done:
-                    said = log.read_text()[-LAST_WORDS:].strip()
+                    last_words = log.read_text()[-LAST_WORDS:].strip()
                     raise RuntimeError(
                         f"{' '.join(words)} ended with exit code {process.returncode} and left "
-                        f"{len(waiting)} of {len(frames)} frames out; its last words: {said}"
+                        f"{len(waiting)} of {len(frames)} frames out; its last words: {last_words}"
                     )
                 if not done:
                     time.sleep(POLL_S)

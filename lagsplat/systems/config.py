@@ -36,12 +36,11 @@ class ArmConfig:
     gravity: float
 
     def __post_init__(self) -> None:
+        n, rule = len(self.length), "needs a value for each of the {} segments (arm.length), base first"
         positive = ("length", "mass", "bending_stiffness", "extension_stiffness", "chamber_area")
-        n = len(self.length)
         for name in (*positive, "link_length", "link_mass"):
             values = getattr(self, name)
-            rule = f"has {len(values)} values for {n} segments (arm.length): give one a segment, base first"
-            require_setting(f"simulation.arm.{name}", values, len(values) == n, rule)
+            require_setting(f"simulation.arm.{name}", values, len(values) == n, rule.format(n))
             enough = name not in positive or min(values) > 0
             require_setting(f"simulation.arm.{name}", values, enough, "must be positive")
         require_positive(self, "simulation.arm", "half_width")
@@ -82,18 +81,13 @@ class SimulationConfig:
         require_least(self, "simulation", 8, "height", "width")
         require_least(self, "simulation", 1, "rest_frames", "hold_frames", "tail_frames")
         needed = self.rest_frames + 2 * self.hold_frames + self.tail_frames
-        rule = (
-            f"leaves no driven frames beside rest_frames={self.rest_frames}, two blends of "
-            f"hold_frames={self.hold_frames} and tail_frames={self.tail_frames}: use more than {needed}"
-        )
+        rule = f"must exceed rest_frames + 2 hold_frames + tail_frames = {needed}, to leave driven frames"
         require_setting("simulation.n_frames", self.n_frames, self.n_frames > needed, rule)
         require_positive(self, "simulation", "dt_s", "drive_low_hz", "view_width", "rtol", "atol")
-        half_rate = 0.5 / self.dt_s
-        rule = (
-            f"must lie between drive_low_hz={self.drive_low_hz} and half the frame rate ({half_rate:.3g} Hz)"
-        )
-        band = self.drive_low_hz < self.drive_high_hz < half_rate
-        require_setting("simulation.drive_high_hz", self.drive_high_hz, band, rule)
+        low, half_rate = self.drive_low_hz, 0.5 / self.dt_s
+        rule = f"must lie between drive_low_hz={low} and half the frame rate ({half_rate:.3g} Hz)"
+        between = low < self.drive_high_hz < half_rate
+        require_setting("simulation.drive_high_hz", self.drive_high_hz, between, rule)
         rule = f"has not two pressures for each of {len(self.arm.length)} segments"
         two_each = len(self.hold_atm) == 2 * len(self.arm.length)
         require_setting("simulation.hold_atm", self.hold_atm, two_each, rule)
@@ -243,9 +237,8 @@ class ReleaseConfig:
         d = len(self.linkage.length) if self.linkage else 1
         rule = f"needs one look for each of the {d} moving part(s)"
         require_setting("release.bodies", self.bodies, len(self.bodies) == d, rule)
-        require_setting(
-            "release.clips", self.clips, len(self.clips) > 0, "is empty: there is nothing to record"
-        )
+        rule = "is empty: there is nothing to record"
+        require_setting("release.clips", self.clips, len(self.clips) > 0, rule)
         for clip in self.clips:
             whole = clip.n_frames >= 3 and len(clip.state) == len(clip.velocity) == d
             rule = f"needs at least 3 frames, and {d} values of state and velocity"

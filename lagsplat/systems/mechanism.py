@@ -164,17 +164,12 @@ def find_rest_state(mechanism: Mechanism) -> Vector:
     return rest
 
 
-def compute_rest_stiffness(mechanism: Mechanism, q: Vector) -> Matrix:
-    """The stiffness of the static force, symmetric."""
-    matrix = compute_stiffness(mechanism.static_force, q)
-    return 0.5 * (matrix + matrix.T)
-
-
 def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
     """Linear modes about the rest state."""
     rest = find_rest_state(mechanism)
-    stiffness = compute_rest_stiffness(mechanism, rest)
-    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), stiffness)
+    stiffness = compute_stiffness(mechanism.static_force, rest)
+    symmetric = 0.5 * (stiffness + stiffness.T)
+    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), symmetric)
 
 
 def release(

@@ -3,13 +3,15 @@
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.systems.dynamics import Matrix, Series, Vector, VibrationModes
+from lagsplat.systems.arm import Arm
+from lagsplat.systems.dynamics import Series, Vector, VibrationModes
+from lagsplat.systems.mechanism import Mechanism
 
 KIND = "truth"
 SCHEMA = 2
@@ -43,22 +45,8 @@ class Truth:
     damping_ratios: Float64[np.ndarray, " n_modes"]
 
 
-class EnergyModel(Protocol):
-    """What `compute_truth` needs of a system."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Name and unit of each coordinate."""
-
-    def mass(self, q: Vector) -> Matrix:
-        """Mass matrix at ``q``."""
-
-    def potential_energies(self, states: Series) -> Float64[np.ndarray, " T"]:
-        """Elastic plus gravitational energy [J] of each state."""
-
-
 def compute_truth(
-    system: EnergyModel,
+    system: Arm | Mechanism,
     states: Series,
     velocities: Series,
     *,

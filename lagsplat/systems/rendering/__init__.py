@@ -1,4 +1,1 @@
-"""Rendered frames of the simulated systems.
-
-`painting` renders the pneumatic arms and rigid bodies before a background; `textures` holds the sprites.
-"""
+"""Rendered frames of the simulated systems."""

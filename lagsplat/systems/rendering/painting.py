@@ -36,8 +36,7 @@ Image = Float32[np.ndarray, "H W 3"]
 def paint_board(config: SimulationConfig, *, generator: np.random.Generator) -> Image:
     """The static background in [0, 1]: a softly lit, mottled board and the clamp of the arm.
 
-    The mottle is a fixed sum of waves of three to twelve periods across the image, so one seed gives the
-    same board at every resolution.
+    One seed gives the same board at every resolution.
     """
     count, fine, height, width = 40, 8, config.height, config.width
     direction = generator.uniform(0, 2 * np.pi, count)
@@ -156,15 +155,12 @@ def _paint(states, table, half_width, board, colors, view_width, images):
                         n_near += 1
                 if n_near == 0:
                     continue
-                for c in range(3):
-                    total[c] = 0.0
+                total[:] = 0.0
                 for a in range(SAMPLES * SAMPLES):
                     down, right = top + (a // SAMPLES + 0.5) * step, left + (a % SAMPLES + 0.5) * step
-                    for c in range(3):
-                        color[c] = board[row, column, c]
+                    color[:] = board[row, column]
                     _blend_parts(down, right, parts, near, n_near, half_width, step, colors, color)
-                    for c in range(3):
-                        total[c] += color[c]
+                    total += color
                 for c in range(3):
                     images[t, row, column, c] = total[c] / (SAMPLES * SAMPLES)
 

@@ -14,7 +14,10 @@ from jaxtyping import Float32
 from skimage import data
 
 OVERSAMPLING = 4
+PHOTOGRAPHS = ("astronaut", "brick", "cat", "coffee", "grass", "gravel", "rocket")  # need no download
+RAINBOW = ((0.80, 0.16, 0.15), (0.93, 0.55, 0.12), (0.95, 0.83, 0.22), (0.22, 0.60, 0.30), (0.16, 0.36, 0.66))
 Color = tuple[float, float, float]
+Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Sprite:
     """
 
     rgba: Float32[np.ndarray, "h w 4"]
-    origin: tuple[float, float]
+    origin: Point
     scale: float
 
 
@@ -39,10 +42,6 @@ def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
         raise ValueError(f"no photograph {name!r}; choose one of {', '.join(PHOTOGRAPHS)}")
     image = np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255)
     return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(image), (*image.shape[:2], 3)))
-
-
-PHOTOGRAPHS = ("astronaut", "brick", "cat", "coffee", "grass", "gravel", "rocket")
-"""Images that are installed with the library and need no download."""
 
 
 class Drawing:
@@ -64,9 +63,9 @@ class Drawing:
         """Draw a filled polygon."""
         mask = np.zeros(self.cover.shape, np.uint8)
         cv2.fillPoly(mask, [np.round((points - self.corner) * self.fine).astype(np.int32)], 255)
-        self._add(mask > 0, color)
+        self._fill(mask > 0, color)
 
-    def line(self, start: tuple[float, float], stop: tuple[float, float], width: float, color: Color) -> None:
+    def line(self, start: Point, stop: Point, width: float, color: Color) -> None:
         """Draw a straight bar with round ends."""
         ends = np.array([start, stop])
         along = ends[1] - ends[0]
@@ -76,13 +75,7 @@ class Drawing:
             self.ring(tuple(end), 0.0, 0.5 * width, color)
 
     def ring(
-        self,
-        middle: tuple[float, float],
-        inner: float,
-        outer: float,
-        color: Color,
-        *,
-        lower_half: bool = False,
+        self, middle: Point, inner: float, outer: float, color: Color, *, lower_half: bool = False
     ) -> None:
         """Draw an annulus, or only its lower half."""
         rows, columns = np.indices(self.cover.shape, dtype=np.float32)
@@ -90,9 +83,9 @@ class Drawing:
         y = (rows + 0.5) / self.fine + self.corner[1] - middle[1]
         distance = np.hypot(x, y)
         inside = (distance >= inner) & (distance <= outer)
-        self._add(inside & (y >= 0) if lower_half else inside, color)
+        self._fill(inside & (y >= 0) if lower_half else inside, color)
 
-    def _add(self, where: np.ndarray, color: Color) -> None:
+    def _fill(self, where: np.ndarray, color: Color) -> None:
         self.color[where] = color
         self.cover[where] = 1.0
 
@@ -183,18 +176,6 @@ def chair(size_m: list[float], scale: float) -> Sprite:
     return drawing.finish(texture="brick", contrast=0.05)
 
 
-RAINBOW = (
-    (0.80, 0.16, 0.15),
-    (0.93, 0.55, 0.12),
-    (0.95, 0.83, 0.22),
-    (0.22, 0.60, 0.30),
-    (0.16, 0.36, 0.66),
-)
 SHAPES: dict[str, Callable[[list[float], float], Sprite]] = {
-    "bob": bob,
-    "link": link,
-    "strap": strap,
-    "bag": bag,
-    "rainbow": rainbow,
-    "chair": chair,
+    shape.__name__: shape for shape in (bob, link, strap, bag, rainbow, chair)
 }

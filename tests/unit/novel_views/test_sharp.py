@@ -171,7 +171,7 @@ def test_two_runs_do_not_fill_one_cache(sharp: SharpConfig, tmp_path: Path) -> N
     from lagsplat.novel_views.sharp_tool import SharpCache
 
     with (
-        SharpCache(tmp_path / "cache").held(),
+        SharpCache(tmp_path / "cache").lock(),
         pytest.raises(BlockingIOError, match="another run fills the cache"),
     ):
         views(sharp, tmp_path)
