@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss physical view test lint types workflow docs
+.PHONY: krauss physical view test scenarios lint types workflow docs
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -29,11 +29,15 @@ view: .venv/.installed
 docs: .venv/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# The checks that read the code side by side, then the tests: a browser that draws in software takes all cores.
+# What takes one core each goes side by side; the scenarios compile Numba's kernels for all that follow. Then the
+# browser's tests, since a browser that draws in software takes all cores, and then the others on all of them.
 test: .venv/.installed
-	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync lint types workflow docs
+	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync types scenarios lint workflow docs
 	@$(BIN)/python -m pytest tests/browser
-	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --ignore=tests/browser
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore=tests/browser --ignore=tests/scenarios
+
+scenarios: .venv/.installed
+	$(BIN)/python -m pytest --quiet tests/scenarios
 
 lint: .venv/.installed
 	$(BIN)/ruff check .
