@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
+from lagsplat.evaluate.aggregate import bootstrap_interval
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import (
     EvaluationSubject,
     HeldOut,
-    bootstrap_interval,
     cut_windows,
     draw_starts,
     explain_shortage,

@@ -1,4 +1,4 @@
-"""What all scores share: the held-out series, starts, treatment of divergence, bootstrap intervals.
+"""What all scores share: the held-out series, starts and treatment of divergence.
 
 Series are whitened latents in float64 and inputs in their own units; frame numbers count from the start of
 the held-out part.
@@ -220,22 +220,3 @@ def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:
 def choose_evenly(count: int, most: int) -> Int64[np.ndarray, " chosen"]:
     """At most ``most`` of the numbers from 0 to ``count - 1``, evenly spaced, both ends among them."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.int64))
-
-
-def bootstrap_interval(
-    statistic: Callable[..., np.ndarray],
-    *per_window: Float64[np.ndarray, " B"],
-    resamples: int = 10_000,
-    confidence: float = 0.95,
-    seed: int = 0,
-) -> list[float]:
-    """Percentile interval of a statistic over windows drawn with replacement.
-
-    ``statistic`` reduces the last axis of arrays (resamples, B), one for each of ``per_window``. Overlapping
-    windows are treated as independent, which makes the interval slightly narrow.
-    """
-    count = per_window[0].shape[0]
-    draws = np.random.default_rng(seed).integers(0, count, size=(resamples, count))
-    values = statistic(*(values[draws] for values in per_window))
-    tail = 50.0 * (1.0 - confidence)
-    return [float(end) for end in np.percentile(values, [tail, 100.0 - tail])]

@@ -1,14 +1,16 @@
 """Curves over time and over training: image errors of rollouts, latent trajectories, losses."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lagsplat.chart.chart import Chart
 from lagsplat.report.common import style
+
+if TYPE_CHECKING:  # a curve is drawn without loading torch
+    from lagsplat.chart.chart import Chart
 
 COLOURS = (style.PREDICTED, *style.INPUTS[:4], style.INPUTS[5])
 N_BINS = 700
@@ -52,7 +54,7 @@ def order_by_visibility(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order, share[order]
 
 
-def draw_latents(chart: Chart, *, title: str) -> Figure:
+def draw_latents(chart: "Chart", *, title: str) -> Figure:
     """Draw each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
 
     Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the

@@ -5,7 +5,13 @@ import copy
 import numpy as np
 import pytest
 
-from lagsplat.evaluate.aggregate import SPREAD_OVER_SEEDS, SPREAD_OVER_WINDOWS, aggregate, paired_margin
+from lagsplat.evaluate.aggregate import (
+    SPREAD_OVER_SEEDS,
+    SPREAD_OVER_WINDOWS,
+    aggregate,
+    bootstrap_interval,
+    paired_margin,
+)
 
 
 def run(mse: float, *, frequency_error: float | None = 0.05, diverged: int = 0, seed: int = 0) -> dict:
@@ -90,3 +96,13 @@ def test_pairs_need_the_same_windows():
     other["forecast"]["starts"] = list(range(1, 51))
     with pytest.raises(ValueError, match="windows differ"):
         paired_margin([run(1.0)], [other], score="mse_half_second")
+
+
+def test_bootstrap_of_a_mean_matches_the_normal_interval():
+    values = np.random.default_rng(0).normal(3.0, 1.0, size=400)
+    low, high = bootstrap_interval(
+        lambda drawn: drawn.mean(axis=-1), values, resamples=4000, confidence=0.95, seed=1
+    )
+    half = 1.96 * values.std() / 20
+    assert low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert high == pytest.approx(values.mean() + half, abs=0.1 * half)

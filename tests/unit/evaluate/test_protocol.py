@@ -1,4 +1,4 @@
-"""Starts, initial velocities, pinned divergence and intervals."""
+"""Starts, initial velocities, pinned divergence."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ import pytest
 from lagsplat.evaluate.evaluate import make_integrator
 from lagsplat.evaluate.protocol import (
     STENCILS,
-    bootstrap_interval,
     cut_windows,
     draw_starts,
     explain_shortage,
@@ -58,16 +57,6 @@ def test_divergence_is_pinned_for_good():
     assert np.allclose(pinned[2, 3], (6.0, 8.0))
     assert np.allclose(pinned[2, 4], (6.0, 8.0))
     assert np.array_equal(pinned[~gone], rollouts[~gone])
-
-
-def test_bootstrap_of_a_mean_matches_the_normal_interval():
-    values = np.random.default_rng(0).normal(3.0, 1.0, size=400)
-    low, high = bootstrap_interval(
-        lambda drawn: drawn.mean(axis=-1), values, resamples=4000, confidence=0.95, seed=1
-    )
-    half = 1.96 * values.std() / 20
-    assert low == pytest.approx(values.mean() - half, abs=0.1 * half)
-    assert high == pytest.approx(values.mean() + half, abs=0.1 * half)
 
 
 def test_an_even_clock_written_out_changes_nothing():
