@@ -130,8 +130,8 @@ def _read_frames(path: Path, archive: zipfile.ZipFile) -> UInt8[np.ndarray, "T H
             start += len(chunk)
     # A low-precision float cannot represent a multiple of 1/255 more closely than this.
     if dtype.kind == "f" and change > max(0.01, 255.0 * float(np.finfo(dtype).eps)):
-        found = f"rounding to uint8 changed them by up to {change:.2f} of a grey level"
-        warnings.warn(f"{path}: 'images' are not multiples of 1/255; {found}", stacklevel=3)
+        problem = f"rounding to uint8 changed them by up to {change:.2f} of a grey level"
+        warnings.warn(f"{path}: 'images' are not multiples of 1/255; {problem}", stacklevel=3)
     if black := int((~frames.reshape(len(frames), -1).any(axis=1)).sum()):
         warnings.warn(f"{path}: {black} of {len(frames)} frames are entirely black", stacklevel=3)
     return frames
@@ -162,11 +162,11 @@ def _read_pressure(
 ) -> Float64[np.ndarray, " T"]:
     with _open_array(path, archive, key) as array:
         if array.shape != (n_frames,) or array.dtype.kind not in "fiu":
-            found = f"shape {array.shape} and dtype {array.dtype}, but there are {n_frames} images"
-            raise ValueError(f"{path}: {key!r} has {found}; give one pressure [atm] a frame, ({n_frames},)")
+            problem = f"shape {array.shape} and dtype {array.dtype}, but there are {n_frames} images"
+            raise ValueError(f"{path}: {key!r} has {problem}; give one pressure [atm] a frame, ({n_frames},)")
         values = np.concatenate(list(_chunks(path, key, array))).astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        found = f"{values[bad[0]]} at frame {bad[0]} ({bad.size} such values)"
-        raise ValueError(f"{path}: {key!r} is {found}; fill the gap or cut the recording there")
+        problem = f"{values[bad[0]]} at frame {bad[0]} ({bad.size} such values)"
+        raise ValueError(f"{path}: {key!r} is {problem}; fill the gap or cut the recording there")
     return values

@@ -132,13 +132,13 @@ def find_scene_cuts(
     limit = NOISES * float(usual_change) + LEVELS
     change = np.array([_excess(later - earlier, limit) for earlier, later in pairwise(grey)])
     anywhere = float(np.median([_excess(grey[i + half] - grey[i], limit) for i in range(half)]))
-    found = []
+    cuts = []
     for i, now in enumerate(change):
         around = np.concatenate([change[max(0, i - AROUND) : i], change[i + 1 : i + 1 + AROUND]])
         usual = max(float(around.max()), SLIGHT * anywhere, 1e-6)
         if now > RATIO * usual and now > SHARE * anywhere:
-            found.append(SceneCut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
-    return tuple(found)
+            cuts.append(SceneCut(time_s=float(time_s[i + 1]), ratio=float(now / usual)))
+    return tuple(cuts)
 
 
 def _excess(difference: Float32[np.ndarray, "h w"], limit: float) -> float:

@@ -61,8 +61,8 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
     """
     arrays = {name: _as_array(name, tensor) for name, tensor in tensors.items()}
     if not isinstance(header.get("kind"), str) or not isinstance(header.get("schema"), int):
-        found = f"kind = {header.get('kind')!r} and schema = {header.get('schema')!r}"
-        raise ValueError(f"{path}: the header has {found}; give kind as text and schema as an integer")
+        keys = f"kind = {header.get('kind')!r} and schema = {header.get('schema')!r}"
+        raise ValueError(f"{path}: the header has {keys}; give kind as text and schema as an integer")
     stamped = {**header, "stamp": header["stamp"] if "stamp" in header else stamp()}
     try:
         text = json.dumps(stamped, default=_plain)

@@ -55,9 +55,9 @@ def fetch_member(archive: ArchiveConfig, member: str) -> Path:
 
 
 def _check_existing(path: Path, expected: str | None) -> None:
-    if expected is not None and (found := sha256_of(path)) != expected:
+    if expected is not None and (digest := sha256_of(path)) != expected:
         raise FileExistsError(
-            f"{path}: SHA-256 is {found}, expected {expected}. It is left as it is; move it away or "
+            f"{path}: SHA-256 is {digest}, expected {expected}. It is left as it is; move it away or "
             "delete it and run again, or name it with recording.path if it is meant to differ"
         )
 
@@ -72,10 +72,10 @@ def _extract(source: Path, member: str, target: Path, expected: str) -> None:
             with replace_atomically(target) as temporary:
                 with archive.open(member) as stream, open(temporary, "wb") as file:
                     shutil.copyfileobj(stream, file)
-                if (found := sha256_of(temporary)) != expected:
+                if (digest := sha256_of(temporary)) != expected:
                     raise ValueError(
-                        f"{source}: SHA-256 of member {member!r} is {found}, expected {expected}. Delete the "
-                        "archive and run again; if it recurs, the publisher has changed it"
+                        f"{source}: SHA-256 of member {member!r} is {digest}, expected {expected}. Delete "
+                        "the archive and run again; if it recurs, the publisher has changed it"
                     )
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise ValueError(f"{source}: damaged ({error}); delete it and run again") from error
@@ -107,10 +107,10 @@ def download(url: str, path: str | os.PathLike[str], *, sha256: str | None) -> P
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
     _fetch_patiently(url, part)
-    if sha256 is not None and (found := sha256_of(part)) != sha256:
+    if sha256 is not None and (digest := sha256_of(part)) != sha256:
         part.unlink()
         raise ValueError(
-            f"{path}: SHA-256 of {url} is {found}, expected {sha256}. What came is damaged and was removed; "
+            f"{path}: SHA-256 of {url} is {digest}, expected {sha256}. What came is damaged and was removed; "
             "run again. If it recurs, the publisher has changed the file"
         )
     os.replace(part, path)

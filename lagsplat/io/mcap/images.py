@@ -144,8 +144,8 @@ def decode_image(message: Any, kind: str) -> UInt8[np.ndarray, "h w 3"]:
     data = np.frombuffer(message_bytes(message), np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if picture is None:
-        held = f"{data.size} bytes of format {read_field(message, 'format')!r}"
-        raise ValueError(f"{held} are no image that OpenCV decodes (JPEG, PNG, WebP, TIFF, BMP)")
+        content = f"{data.size} bytes of format {read_field(message, 'format')!r}"
+        raise ValueError(f"{content} are no image that OpenCV decodes (JPEG, PNG, WebP, TIFF, BMP)")
     return picture
 
 

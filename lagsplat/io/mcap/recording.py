@@ -49,8 +49,8 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
     pictures = [camera.frames.pop(int(number)) for number in numbers[aligned.kept]]
     sizes = {picture.shape[:2] for picture in pictures}
     if len(sizes) > 1:
-        found = f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width)"
-        raise ValueError(f"{found}; give recording.height and recording.width")
+        problem = f"{path}: the camera's pictures have sizes {sorted(sizes)} (height, width)"
+        raise ValueError(f"{problem}; give recording.height and recording.width")
     frames, time_s = np.stack(pictures), frame_s[aligned.kept]
     footage = assess_video(frames, time_s, camera.thumbnails, crop=settings.crop)
     for sentence in footage.warnings:
@@ -95,9 +95,9 @@ class _Log:
     def read(self) -> None:
         """Read the file once."""
         decoders, losses, last_ns = messages.Decoders(), list[str](), 0
-        there: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for schema, channel, message in read_whole_messages(self.path, losses):
-            there[channel.topic] = there.get(channel.topic, 0) + 1
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
             last_ns = max(last_ns, message.log_time)
             if channel.topic in self._stamps:
                 try:
@@ -106,13 +106,13 @@ class _Log:
                 except ValueError as error:
                     raise ValueError(f"{self.path}: {error}") from error
         if losses:
-            rest = f"{sum(there.values())} messages are whole, the last one logged at {last_ns / 1e9:.3f} s"
+            rest = f"{sum(counts.values())} messages are whole, the last one logged at {last_ns / 1e9:.3f} s"
             self._warn(f"damaged: {'; '.join(losses)}. {rest}")
         for topic in self._stamps:
-            if topic not in there:
-                near = difflib.get_close_matches(topic, there, n=1)
+            if topic not in counts:
+                near = difflib.get_close_matches(topic, counts, n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
-                listed = ", ".join(f"{name} ({count})" for name, count in sorted(there.items())) or "none"
+                listed = ", ".join(f"{name} ({count})" for name, count in sorted(counts.items())) or "none"
                 raise ValueError(
                     f"{self.path}: no message on topic {topic!r}{hint}; topics with messages: {listed}. Set "
                     "recording.mcap.camera, or the topic in recording.mcap.inputs"
@@ -149,8 +149,8 @@ class _Log:
         if not kept.any():
             cut = f"skip_s = {self.camera.settings.skip_s} and end_s = {self.camera.settings.end_s}"
             count = len(self._stamps[self.camera.topic].log_ns)
-            held = f"topic {self.camera.topic} has {count} messages, with {cut}"
-            raise ValueError(f"{self.path}: no frame to keep; {held}. Check the cut")
+            counts = f"topic {self.camera.topic} has {count} messages, with {cut}"
+            raise ValueError(f"{self.path}: no frame to keep; {counts}. Check the cut")
         return numbers[kept], (frame_ns[kept] - self.camera.start_ns) / 1e9
 
     def samples(self, source: McapInputConfig) -> InputLog:

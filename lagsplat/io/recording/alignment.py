@@ -49,8 +49,8 @@ def align_log(
                 f"{source}: input {log.name!r} has {len(log.time_s)} samples; choose one with two or more"
             )
         if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
-            found = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
-            raise ValueError(f"{source}: {found}. Check recording.mcap.clock and the topics")
+            problem = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
+            raise ValueError(f"{source}: {problem}. Check recording.mcap.clock and the topics")
         outside |= (frame_s < log.time_s[0]) | (frame_s > log.time_s[-1])
         for before, after in pairwise(log.time_s.tolist()):
             if after - before > max_gap_s:

@@ -59,8 +59,8 @@ class Recording:
     def __post_init__(self) -> None:
         shape, dtype = np.shape(self.frames), getattr(self.frames, "dtype", None)
         images = len(shape) == 4 and shape[-1] == 3 and 0 not in shape and dtype == np.uint8
-        found = f"frames of shape {shape} and dtype {dtype}"
-        require(images, self.source, f"{found}; give uint8 (T, H, W, 3), RGB, T >= 1")
+        problem = f"frames of shape {shape} and dtype {dtype}"
+        require(images, self.source, f"{problem}; give uint8 (T, H, W, 3), RGB, T >= 1")
         origin = self.meta.get("origin")
         require(origin in ORIGINS, self.source, f"meta with origin {origin!r}; it is one of {ORIGINS}")
         for name in ("time_s", "inputs", "states"):
@@ -79,9 +79,9 @@ class Recording:
         rows = inputs.ndim == 2 and len(inputs) == n
         require(rows, self.source, f"inputs of shape {inputs.shape}; give ({n}, n_u), one row a frame")
         n_u, names, units = inputs.shape[1], self.input_names, self.input_units
-        found = f"inputs with {n_u} columns, names {names} and units {units}"
+        problem = f"inputs with {n_u} columns, names {names} and units {units}"
         one_each = len(names) == len(units) == len(set(names)) == n_u
-        require(one_each, self.source, f"{found}; give every column one name of its own and one unit")
+        require(one_each, self.source, f"{problem}; give every column one name of its own and one unit")
         bad = np.argwhere(~np.isfinite(inputs))
         if bad.size:
             frame, column = bad[0]
@@ -91,8 +91,8 @@ class Recording:
             )
         if states is not None:
             finite = states.ndim == 2 and len(states) == n and np.isfinite(states).all()
-            found = f"states of shape {states.shape}"
-            require(finite, self.source, f"{found}; give finite ({n}, n_x), or None")
+            problem = f"states of shape {states.shape}"
+            require(finite, self.source, f"{problem}; give finite ({n}, n_x), or None")
 
     @property
     def source(self) -> str:

@@ -41,14 +41,14 @@ def cut_at_gaps(recording: Recording) -> Recording:
             (dropped if short else pieces).append(piece)
     if not gaps:
         return recording
-    told = f"{recording.source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
+    text = f"{recording.source}: {len(gaps)} gap(s) of more than {longest_s:.3f} s: {', '.join(gaps)}"
     if not pieces:
-        raise ValueError(f"{told}. No piece between them has {LEAST_PIECE} frames; check the times")
-    told += f". It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
+        raise ValueError(f"{text}. No piece between them has {LEAST_PIECE} frames; check the times")
+    text += f". It is cut there into {len(pieces)} clip(s), and nothing is continued across a cut"
     if dropped:
         lost = sum(stop - start for start, stop in dropped)
-        told += f"; {len(dropped)} piece(s) of fewer than {LEAST_PIECE} frames, {lost} in all, are left out"
-    warnings.warn(told, stacklevel=2)
+        text += f"; {len(dropped)} piece(s) of fewer than {LEAST_PIECE} frames, {lost} in all, are left out"
+    warnings.warn(text, stacklevel=2)
     return recording.pieces(pieces)
 
 
@@ -70,9 +70,9 @@ def cut_spans(recording: Recording, spans_s: Sequence[Sequence[float]]) -> Recor
         ended = stop
         inside = (since >= start) & (since < stop)
         if inside.sum() < LEAST_FRAMES:
-            held = f"{inside.sum()} frames of a recording of {since[-1]:.3f} s"
+            counts = f"{inside.sum()} frames of a recording of {since[-1]:.3f} s"
             raise ValueError(
-                f"recording.spans_s: [{start}, {stop}] holds {held}; a clip needs {LEAST_FRAMES}"
+                f"recording.spans_s: [{start}, {stop}] holds {counts}; a clip needs {LEAST_FRAMES}"
             )
         for a, b in recording.segments:
             within = a + np.flatnonzero(inside[a:b])
@@ -94,8 +94,8 @@ def split_train_held_out(recording: Recording, split: SplitConfig) -> Recording:
     rule = f"{name} = {held_out}"
     if name == "held_out_clips":
         if held_out >= len(clips):
-            held = f"{len(clips)} clip(s), of which {rule} leave none to train on"
-            raise ValueError(f"{recording.source}: {held}; give more clips or hold out a fraction")
+            counts = f"{len(clips)} clip(s), of which {rule} leave none to train on"
+            raise ValueError(f"{recording.source}: {counts}; give more clips or hold out a fraction")
         n_train = clips[-held_out][0]
     elif name == "held_out_frames":
         n_train = total - held_out

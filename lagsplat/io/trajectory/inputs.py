@@ -85,8 +85,8 @@ def _finite_block(table: Table, names: tuple[str, ...]) -> np.ndarray:
 def _require_increasing(table: Table, time_s: np.ndarray, rows: np.ndarray) -> None:
     """Check the times [s] in these ``rows`` of the table: two or more, and increasing."""
     if len(rows) < 2:
-        found = f"{len(rows)} row(s) with a number in every column"
-        raise ValueError(f"{table.source}: {found}; give two or more")
+        counts = f"{len(rows)} row(s) with a number in every column"
+        raise ValueError(f"{table.source}: {counts}; give two or more")
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if wrong.size:
         before, after = wrong[0], wrong[0] + 1

@@ -145,8 +145,8 @@ def _warn_if_short(path: Path, times: Sequence[float], *, lacking: int | None, a
         reason = f"its header announces {announced}"
     else:
         return
-    found = f"only {len(times)} frames are whole, up to {times[-1]:.3f} s"
-    warnings.warn(f"{path}: {found}; {reason}", stacklevel=4)
+    problem = f"only {len(times)} frames are whole, up to {times[-1]:.3f} s"
+    warnings.warn(f"{path}: {problem}; {reason}", stacklevel=4)
 
 
 def _images(clip: VideoClip, settings: FrameSettings) -> Pictures:
