@@ -94,8 +94,18 @@ def load_artifact(
     missing = sorted(set(mapped) - set(layout))
     if missing:
         raise ValueError(f"{path}: no tensor {missing[0]!r}, only {sorted(layout)}; other code made the file")
-    views = {name: _view(path, entry, 8 + length) for name, entry in layout.items()}
-    return {name: view if name in mapped else np.array(view) for name, view in views.items()}, header
+    arrays: dict[str, np.ndarray] = {}
+    for name, entry in layout.items():
+        if entry["dtype"] not in DTYPES:
+            raise ValueError(f"{path}: dtype {entry['dtype']} is unknown to NumPy; save it as F32 or F64")
+        dtype, shape = np.dtype(DTYPES[entry["dtype"]]).newbyteorder("<"), tuple(entry["shape"])
+        begin, end = entry["data_offsets"]
+        if begin == end:  # an empty range cannot be mapped
+            arrays[name] = np.empty(shape, dtype)
+            continue
+        view = np.memmap(path, dtype, "r", offset=8 + length + begin, shape=shape)
+        arrays[name] = view if name in mapped else np.array(view)
+    return arrays, header
 
 
 def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = None) -> dict[str, Any]:
@@ -131,16 +141,6 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
             f"{schema}; make the file again, or use the version that made it"
         )
     return header
-
-
-def _view(path: StrPath, entry: Mapping[str, Any], data_start: int) -> np.ndarray:
-    if entry["dtype"] not in DTYPES:
-        raise ValueError(f"{path}: dtype {entry['dtype']} is unknown to NumPy; save it as F32 or F64")
-    dtype = np.dtype(DTYPES[entry["dtype"]]).newbyteorder("<")
-    begin, end = entry["data_offsets"]
-    if begin == end:  # an empty range cannot be mapped
-        return np.empty(entry["shape"], dtype)
-    return np.memmap(path, dtype, "r", offset=data_start + begin, shape=tuple(entry["shape"]))
 
 
 def _as_array(name: str, tensor: Any) -> np.ndarray:

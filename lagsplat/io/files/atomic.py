@@ -41,8 +41,13 @@ def replace_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
         os.replace(temporary, target)
         _flush(target.parent)
     except Exception as error:
-        reason = _explain(error)
-        if reason is None:
+        # Compiled writers report the operating system's error as text only.
+        number, words = getattr(error, "errno", None), str(error).lower()
+        if number in (errno.ENOSPC, errno.EDQUOT) or "no space left" in words or "quota exceeded" in words:
+            reason = "the disk or quota is full; free some space and run again"
+        elif number == errno.EFBIG or "file too large" in words:
+            reason = "the file would exceed the largest size allowed here (see `ulimit -f`)"
+        else:
             raise
         raise OSError(f"{target} was not written: {reason}. Nothing was changed there.") from error
     finally:
@@ -66,17 +71,6 @@ def _flush(path: Path) -> None:
             raise
     finally:
         os.close(descriptor)
-
-
-def _explain(error: Exception) -> str | None:
-    # Compiled writers report the operating system's error as text only.
-    number = getattr(error, "errno", None)
-    words = str(error).lower()
-    if number in (errno.ENOSPC, errno.EDQUOT) or "no space left" in words or "quota exceeded" in words:
-        return "the disk or quota is full; free some space and run again"
-    if number == errno.EFBIG or "file too large" in words:
-        return "the file would exceed the largest size allowed here (see `ulimit -f`)"
-    return None
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:

@@ -2,7 +2,6 @@
 
 import os
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,18 +29,16 @@ def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarr
     return time_s, _finite_block(table, names["u"]), _finite_block(table, names["f"])
 
 
-def read_input_log(
-    path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def read_input_log(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
 
-    ``columns`` are as in `read_trajectory`. Rows with a missing number are dropped with a warning.
+    Rows with a missing number are dropped with a warning.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
         ValueError: a column is missing or not numeric, or times do not increase.
     """
-    table = name_columns(read_table(Path(path)), columns or {}, needed=(TIME, "u0"))
+    table = name_columns(read_table(Path(path)), {}, needed=(TIME, "u0"))
     values = table.block((TIME, *count_names(table, "u")))
     whole = np.flatnonzero(np.isfinite(values).all(axis=1))
     _require_increasing(table, values[whole, 0], whole)
@@ -85,8 +82,9 @@ def _finite_block(table: Table, names: tuple[str, ...]) -> np.ndarray:
 def _require_increasing(table: Table, time_s: np.ndarray, rows: np.ndarray) -> None:
     """Check the times [s] in these ``rows`` of the table: two or more, and increasing."""
     if len(rows) < 2:
-        counts = f"{len(rows)} row(s) with a number in every column"
-        raise ValueError(f"{table.source}: {counts}; give two or more")
+        raise ValueError(
+            f"{table.source}: {len(rows)} row(s) with a number in every column; give two or more"
+        )
     wrong = np.flatnonzero(np.diff(time_s) <= 0.0)
     if wrong.size:
         before, after = wrong[0], wrong[0] + 1

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-TIME, SEGMENT = "t", "segment"
+TIME, SEGMENT, NUMBER = "t", "segment", "(0|[1-9][0-9]*)"
 STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
 USUAL = {
     "t": ("t", "time", "timestamp", "stamp", "sec", "seconds", "zeit"),
@@ -103,7 +103,7 @@ def count_names(table: Table, letter: str) -> tuple[str, ...]:
     Raises:
         ValueError: a number is skipped, or only some coordinates have rates.
     """
-    numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}[0-9]+", name))
+    numbers = sorted(int(name[1:]) for name in table.columns if re.fullmatch(f"{letter}{NUMBER}", name))
     n = len(count_names(table, "q")) if letter == "v" and numbers else len(numbers)
     if numbers != list(range(n)):
         have = [f"{letter}{number}" for number in numbers]
@@ -114,7 +114,7 @@ def count_names(table: Table, letter: str) -> tuple[str, ...]:
 
 
 def _is_standard(name: str) -> bool:
-    return name in (TIME, SEGMENT) or re.fullmatch("[quv](0|[1-9][0-9]*)", name) is not None
+    return name in (TIME, SEGMENT) or re.fullmatch(f"[quv]{NUMBER}", name) is not None
 
 
 def _proposal(found: list[str]) -> str:

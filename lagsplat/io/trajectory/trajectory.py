@@ -175,7 +175,12 @@ def read_trajectory_file(
         raise ValueError(f"{table.source}: no row has a number in every column ({empty or used}); fill them")
     kept = np.flatnonzero(whole)
     at = {name: values[kept, i] for i, name in enumerate(used)}
-    cuts = _segment_changes(table, at[SEGMENT], kept) if SEGMENT in at else np.zeros(0, int)
+    segment = at.get(SEGMENT, np.zeros(len(kept)))
+    broken = np.flatnonzero(segment != np.rint(segment))
+    if broken.size:
+        place, number = table.place(int(kept[broken[0]])), segment[broken[0]]
+        raise ValueError(f"{place}: segment is {number}; number the clips with integers")
+    cuts = 1 + np.flatnonzero(np.diff(segment))
     time_s = _one_clock(table, at[TIME], cuts, kept)
     torn = _dropped_rows(table, time_s, cuts, kept, n=len(whole))
     block = {letter: np.array([at[name] for name in names[letter]]).T for letter in "qvu" if names[letter]}
@@ -189,15 +194,6 @@ def read_trajectory_file(
         u_names=names["u"],
         source=path.name,
     )
-
-
-def _segment_changes(table: Table, segment: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """The samples at which a new clip begins, without the first."""
-    broken = np.flatnonzero(segment != np.rint(segment))
-    if broken.size:
-        place, number = table.place(int(kept[broken[0]])), segment[broken[0]]
-        raise ValueError(f"{place}: segment is {number}; number the clips with integers")
-    return 1 + np.flatnonzero(np.diff(segment))
 
 
 def _one_clock(table: Table, time_s: np.ndarray, cuts: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -35,6 +35,9 @@ def test_what_is_no_list_of_weights_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b.pt").write_bytes(b"not weights")
     with pytest.raises(ValueError, match="fetch it again"):
         load_weights(tmp_path / "b.pt")
+    (tmp_path / "b.safetensors").write_bytes(b"not weights")
+    with pytest.raises(ValueError, match="fetch it again"):
+        load_weights(tmp_path / "b.safetensors")
     torch.save(torch.ones(2), tmp_path / "c.pt")
     with pytest.raises(ValueError, match="dictionary of weights"):
         load_weights(tmp_path / "c.pt")

@@ -118,6 +118,7 @@ def test_a_column_mapped_away_is_not_read_twice(tmp_path: Path) -> None:
         ("t,q0,q1,v1\n0,1,2,3\n", r"columns \['v1'\], but \['v0'\] are missing"),
         ("t,q0,v0,v1\n0,1,2,3\n", "only 1 coordinates have a rate"),
         ("t,q0,u1\n0,1,2\n", r"\['u0'\] are missing"),
+        ("t,q00\n0,1\n", "no column q0"),
         ("t,q0\n0,1\n0.1,two\n", "line 3: column 'q0' holds 'two'"),
         ("# c\nt,q0\n0,1\n\n0.1,1,5\n", "line 5: 3 cells under 2 names"),
         ("t,q0\n0,1\n0.1,2\n0.1,3\n", r"line 4: t stands still at 0.1 s \(1 such rows\)"),
