@@ -33,12 +33,12 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     Raises:
         ValueError: the motions are too short for a single window or block.
     """
-    contest, _, natural = build_problem(estimate_simulator(case.sim, config), case.real, config)
+    contest = build_problem(estimate_simulator(case.sim, config), case.real, config)
     bench = replace(contest.rollout_model, nuisance=contest.rollout_model.nuisance.freeze())
     contest = replace(contest, rollout_model=bench)
     half, held = split_windows(contest)
-    blocks = cut_blocks(contest, held, period_s=natural.longest_s)
-    offers = _offers(contest, case, natural.longest_s, config)
+    blocks = cut_blocks(contest, held)
+    offers = _offers(contest, case, config)
     fit = half.fit((), np.zeros(contest.rollout_model.nuisance.size))
     error, sims = (
         {"none": _error(contest, blocks, (), fit.x)},
@@ -66,15 +66,13 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     return Said(probability, coordinate, at.input_name, blocks=_blocks(contest, blocks, sims, told[first]))
 
 
-def _offers(
-    contest: EstimationProblem, case: Case, period_s: float, config: DiagnoseConfig
-) -> list[PlacedEffect]:
+def _offers(contest: EstimationProblem, case: Case, config: DiagnoseConfig) -> list[PlacedEffect]:
     smoothed = estimate_latent_force(
-        contest.rollout_model.model, case.real, period_s=period_s, hold=config.input_hold
+        contest.rollout_model.model, case.real, period_s=contest.period_s, hold=config.input_hold
     )
     return place_effects(
         contest.rollout_model,
-        extract_hints(smoothed, period_s=period_s),
+        extract_hints(smoothed, period_s=contest.period_s),
         q_names=case.real[0].q_names,
         u_names=case.real[0].u_names,
         without=config.without,

@@ -1,13 +1,13 @@
 """A diagnosis from end to end: from a simulator and real trajectories to the verdict and its evidence."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from lagsplat.diagnose.core.config import MATERIALITY, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
@@ -57,9 +57,8 @@ def diagnose(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    problem, ready, natural = build_problem(sim, real, config)
-    period_s, q_names, u_names = natural.longest_s, real[0].q_names, real[0].u_names
-    hints = find_hints(sim.model, real, period_s=period_s, hold=config.input_hold)
+    problem, q_names, u_names = build_problem(sim, real, config), real[0].q_names, real[0].u_names
+    hints = find_hints(sim.model, real, period_s=problem.period_s, hold=config.input_hold)
     candidates = place_effects(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
@@ -67,7 +66,7 @@ def diagnose(
     def fit_effects() -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
         """Fit the single effects, then the best sets of one to three."""
         ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-        sets = combine_effects(problem, ranking, candidates, budget, config, report_progress=report_progress)
+        sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
         return ranking, sets
 
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
@@ -87,20 +86,20 @@ def diagnose(
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     try:
         given = (sim.original or sim).model
-        holdout = forecast_holdout(problem, ranking.none, chosen, period_s=period_s, given=given)
+        holdout = forecast_holdout(problem, ranking.none, chosen, given=given)
     except ValueError as error:
         holdout, warnings = None, [f"no closure: {error}", *warnings]
     if best is not None and chosen is best and _is_immaterial(problem, ranking, holdout, best, config):
         judgement, chosen = reject_effect(judgement), ranking.none
     checks = {
-        "natural_period_s": period_s,
-        "noise": ready.sigma.tolist(),
+        "natural_period_s": problem.period_s,
+        "noise": problem.sigma.tolist(),
         **_measure_fits(sim, problem, ranking, chain, judgement),
-        **asdict(check_robustness(problem, ranking, chain, judgement, candidates, budget, config)),
+        **check_robustness(problem, ranking, chain, judgement, candidates, budget),
     }
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
-        candidates=_list_candidates(problem, ranking, best, judgement, holdout, period_s),
+        candidates=_list_candidates(problem, ranking, judgement, holdout),
         combination=tuple(e.effect.name for e in chosen.effects),
         gap=holdout.gap if holdout else None,
         where=None,
@@ -181,27 +180,24 @@ def _is_immaterial(
 def _list_candidates(
     problem: EstimationProblem,
     ranking: ModelRanking,
-    best: HypothesisFit | None,
     judgement: Judgement,
     holdout: HoldoutForecasts | None,
-    period_s: float,
 ) -> tuple[Candidate, ...]:
     fits: dict[str, tuple[HypothesisFit, PlacedEffect]] = {}
     for hypothesis in ranking.found:
         fits.setdefault(hypothesis.name, (hypothesis, hypothesis.effects[-1]))
-    if best is not None:
-        fits |= {placed.effect.name: (best, placed) for placed in best.effects}
-    candidates = []
+    if judgement.best is not None:
+        fits |= {placed.effect.name: (judgement.best, placed) for placed in judgement.best.effects}
+    out = []
     for number, (name, probability) in enumerate(judgement.probabilities.items()):
         if name not in fits:
-            candidates.append(Candidate(name, probability))
+            out.append(Candidate(name, probability))
             continue
         hypothesis, placed = fits[name]
         closure = None
-        is_sample_effect = isinstance(placed.effect, SampleEffect)
-        if number < MATERIALITY.max_closures and holdout is not None and not is_sample_effect:
-            closure = estimate_single_closure(problem, hypothesis, holdout, period_s=period_s)
-        candidates.append(
+        if number < MATERIALITY.max_closures and holdout is not None and placed.changes_motion:
+            closure = estimate_single_closure(problem, hypothesis, holdout)
+        out.append(
             Candidate(
                 name,
                 probability,
@@ -214,4 +210,4 @@ def _list_candidates(
                 misfit=hypothesis.fit.misfit / problem.degrees_of_freedom,
             )
         )
-    return tuple(candidates)
+    return tuple(out)

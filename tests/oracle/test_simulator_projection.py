@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.core.config import DATASET
+from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.estimation.dataset import Dataset, OperatingRegion, sample_operating_region
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 from lagsplat.diagnose.simulators.projection_acceleration import project_acceleration
@@ -124,7 +124,7 @@ def test_a_region_covers_the_record_and_a_margin() -> None:
     region = sample_operating_region(record)
     half = 0.5 * np.ptp(record.q, axis=0)
     assert (np.ptp(region.q, axis=0) > 2.0 * half).all()
-    assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * DATASET.region_margin)).all()
+    assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * ESTIMATION.region_margin)).all()
     still = Dataset(
         record.time, record.q, record.v, 0.0 * record.u, record.clips, ("a",), record.file_of, (0.0,)
     )

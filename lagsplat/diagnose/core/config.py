@@ -304,12 +304,6 @@ class LOCALIZATION:
     min_event_energy_share: float = 0.7  # share of the residual's energy that brief events hold, at least [1]
 
 
-class MEASUREMENT_MODEL:
-    """Tests of the measurement against the force. Commit 09186ef."""
-
-    sign_flips: int = 999  # random sign flips of the permutation test [count]
-
-
 class SPECTRUM:
     """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433). Commit 09186ef."""
 
@@ -326,7 +320,7 @@ class SPECTRUM:
 
 
 class STATE_MAPS:
-    """Cluster permutation test on maps over position and velocity. Commit 09186ef."""
+    """Permutation tests of maps over position and velocity, and of the measurement. Commit 09186ef."""
 
     map_bins: int = 8  # bins of a map in each direction [count]
     profile_bins: int = 12  # bins of a profile [count]
@@ -339,17 +333,12 @@ class STATE_MAPS:
 # --- Estimation
 
 
-class DATASET:
-    """How recordings become the data of an estimation. Commit 66f7fa5."""
+class ESTIMATION:
+    """How recordings become data, and the Gauss-Newton steps of multiple shooting. Commit 66f7fa5."""
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
     noise_window_periods: float = 0.15  # width of the local cubic that leaves the noise [natural periods]
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
-
-
-class SHOOTING:
-    """Gauss-Newton iterations of multiple shooting (Bock 1983). Commit 66f7fa5."""
-
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
     max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]
 
@@ -404,19 +393,14 @@ class PROJECTION:
 # --- Images and videos
 
 
-class IMAGE_LOCALIZATION:
-    """Where in the image a force acts, and where the image is wrong. Commit 6e0f2c7."""
+class IMAGES:
+    """Where in the image a force acts, and where the image is wrong. Commits 6e0f2c7, d32643f."""
 
     min_contrast: float = 0.05  # contrast of the best to the worst moving point, to report the best [1]
     equivalent_share: float = 0.02  # difference of the explained share [1] within which points are equal
     pixel_z: float = 6.0  # robust standard deviations at which a pixel is an outlier [1]
     min_region_pixels: int = 4  # pixels of a region [count]
     max_regions: int = 5  # regions that are reported, at most [count]
-
-
-class IMAGE_RENDERING:
-    """Which frames and Gaussians are looked at. Commit d32643f."""
-
     max_frames: int = 240  # frames of a recording whose reconstruction is measured, at most [count]
     max_points: int = 64  # points of the moving body, at most [count]
     body_share: float = 0.9  # share of all visible motion that the fewest Gaussians of the body make up [1]
@@ -446,7 +430,7 @@ class PROBLEM:
 
 
 class SELECTION:
-    """Search over effects and their fits."""
+    """Search over effects, sets of several effects, and their fits."""
 
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78
     refined_iterations: int = 5  # iterations of a refined fit, over those of the first fit [1]; c12aa78
@@ -456,11 +440,6 @@ class SELECTION:
     start_shares: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the score's amplitude [1]; 123f88b
     unmoved_misfit_ratio: float = 1.02  # misfit, nuisances at zero over fitted [1], that asks for both tests
     sample_noise_penalty: float = 4.0  # log evidence a sample effect must exceed [nat]: not integrated out
-
-
-class COMBINATIONS:
-    """Sets of several effects."""
-
     max_effects: int = 3  # effects in a set, at most [count]; 0e95f8e
     max_first_effects: int = 3  # single effects beside which a second one is sought [count]; 0e95f8e
     min_excess: float = 0.1  # excess mean square that asks for another effect [noise variances]; 123f88b

@@ -202,6 +202,10 @@ class Direction:
     inertia: float
     rest: float = 0.0  # `p.rest`
 
+    def shift(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Coordinates ``y`` (..., d) moved by ``s`` (...) along the direction."""
+        return y + s[..., None] * (self.covector / (self.covector @ self.covector))
+
 
 def make_direction(
     name: str | None, covector: Float64[np.ndarray, " d"], model: MechanicalModel

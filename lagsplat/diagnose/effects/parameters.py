@@ -4,7 +4,7 @@ A parameter is counted in a unit of the recorded motion (its rms, its speed, its
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -29,25 +29,6 @@ ParameterKind = Literal[
 ]
 
 
-UNITS: Mapping[ParameterKind, str] = {
-    "acceleration": "{q}/s^2",
-    "coordinate": "{q}",
-    "velocity": "{q}/s",
-    "time": "s",
-    "rate": "1/s",
-    "frame": "s",
-    "input": "{u}",
-    "reach": "{q}",
-    "ratio": "1",
-    "log_ratio": "1",
-    "per_coordinate": "1/{q}",
-    "cubic": "1/({q}^2 s^2)",
-    "drift": "{q}/s",
-    "per_duration": "1/s",
-    "slowness": "s/{q}",
-}
-
-
 @dataclass(frozen=True)
 class Scales:
     """Sizes of a motion along one direction, and of one input; they make up the units of parameters."""
@@ -63,24 +44,28 @@ class Scales:
 
     def of(self, kind: ParameterKind) -> float:
         """The size of one unit of a parameter of ``kind``, in the units of the recording."""
-        s, v = self.coordinate, self.velocity
-        return {
-            "acceleration": v * v / s,
-            "coordinate": s,
-            "velocity": v,
-            "time": s / v,
-            "rate": v / s,
-            "frame": self.frame_s,
-            "input": self.input,
-            "reach": self.reach,
-            "ratio": 1.0,
-            "log_ratio": 1.0,
-            "per_coordinate": 1.0 / s,
-            "cubic": v * v / s**4,
-            "drift": s / self.duration_s,
-            "per_duration": 1.0 / self.duration_s,
-            "slowness": 1.0 / v,
-        }[kind]
+        return PARAMETER_KINDS[kind][1](self)
+
+
+PARAMETER_KINDS: Mapping[ParameterKind, tuple[str, Callable[[Scales], float]]] = {
+    "acceleration": ("{q}/s^2", lambda s: s.velocity * s.velocity / s.coordinate),
+    "coordinate": ("{q}", lambda s: s.coordinate),
+    "velocity": ("{q}/s", lambda s: s.velocity),
+    "time": ("s", lambda s: s.coordinate / s.velocity),
+    "rate": ("1/s", lambda s: s.velocity / s.coordinate),
+    "frame": ("s", lambda s: s.frame_s),
+    "input": ("{u}", lambda s: s.input),
+    "reach": ("{q}", lambda s: s.reach),
+    "ratio": ("1", lambda s: 1.0),
+    "log_ratio": ("1", lambda s: 1.0),
+    "per_coordinate": ("1/{q}", lambda s: 1.0 / s.coordinate),
+    "cubic": ("1/({q}^2 s^2)", lambda s: s.velocity * s.velocity / s.coordinate**4),
+    "drift": ("{q}/s", lambda s: s.coordinate / s.duration_s),
+    "per_duration": ("1/s", lambda s: 1.0 / s.duration_s),
+    "slowness": ("s/{q}", lambda s: 1.0 / s.velocity),
+}
+"""Unit of each kind in a diagnosis, and the size of one unit of the fit in it."""
+UNITS = {kind: unit for kind, (unit, _) in PARAMETER_KINDS.items()}
 
 
 @dataclass(frozen=True)

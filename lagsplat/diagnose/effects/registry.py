@@ -106,9 +106,7 @@ def describe_effect(name: str) -> EffectDescription:
     Raises:
         ValueError: a name that no diagnosis gives.
     """
-    if name in VERDICTS:
-        return VERDICTS[name]
-    known = catalogue()
+    known = {**catalogue(), **VERDICTS}
     if name not in known:
         raise ValueError(f"no effect is called {name!r}; known are {', '.join(list_names())}")
     return known[name]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from lagsplat.diagnose.core.config import DATASET
+from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -237,17 +237,17 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     """Join trajectories and estimate noise, velocities and accelerations by local cubics.
 
     ``period_s`` is the natural period [s]. The noise is the residual of a cubic over
-    `DATASET.noise_window_periods` of it; velocities come from a wider cubic where the noise is stronger
+    `ESTIMATION.noise_window_periods` of it; velocities come from a wider cubic where the noise is stronger
     (`CUBIC_WIDTHS`).
     """
     clips = [np.array(m.segments, dtype=np.int64) for m in trajectories]
     levels = [
-        estimate_noise_level(m.time_s, m.q, clip, width_s=DATASET.noise_window_periods * period_s)
+        estimate_noise_level(m.time_s, m.q, clip, width_s=ESTIMATION.noise_window_periods * period_s)
         for m, clip in zip(trajectories, clips, strict=True)
     ]
     known = np.array([level for level in levels if np.isfinite(level).all()])
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
-    sigma = np.median(known, axis=0) if len(known) else DATASET.min_relative_noise * rms
+    sigma = np.median(known, axis=0) if len(known) else ESTIMATION.min_relative_noise * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
     cubics = [
@@ -258,7 +258,7 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
         join_trajectories(trajectories, [slope for _, slope, _ in cubics]),
         np.concatenate([smooth for smooth, _, _ in cubics]),
         np.concatenate([bend for _, _, bend in cubics]),
-        np.maximum(sigma, DATASET.min_relative_noise * rms),
+        np.maximum(sigma, ESTIMATION.min_relative_noise * rms),
     )
 
 
@@ -287,7 +287,7 @@ class OperatingRegion:
 
 
 def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
-    """About ``n`` states and inputs in the region of a dataset and `DATASET.region_margin` around it.
+    """About ``n`` states and inputs in the region of a dataset and `ESTIMATION.region_margin` around it.
 
     By default ``n`` is `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
     changes is varied by its own size, or by 1, so that its influence can be measured.
@@ -302,10 +302,10 @@ def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         still = reach <= 1e-9 * np.maximum(np.abs(centre), 1e-9)
         spread = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
-        near = x[mixed] + spread * np.where(still, 1.0, DATASET.region_margin) * rng.uniform(
+        near = x[mixed] + spread * np.where(still, 1.0, ESTIMATION.region_margin) * rng.uniform(
             -1.0, 1.0, (half, x.shape[1])
         )
-        return np.concatenate([centre + (1.0 + DATASET.region_margin) * (x[visited] - centre), near])
+        return np.concatenate([centre + (1.0 + ESTIMATION.region_margin) * (x[visited] - centre), near])
 
     return OperatingRegion(
         around(dataset.q, drawn[0]), around(dataset.v, drawn[1]), around(dataset.u, drawn[2])

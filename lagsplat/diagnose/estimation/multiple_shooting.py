@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import SHOOTING
+from lagsplat.diagnose.core.config import ESTIMATION
 
 PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From parameters (P, k) and initial states (P, W, 2 d) to predictions (P, W, L, d)."""
@@ -182,7 +182,7 @@ def fit_multiple_shooting(
         tolerance: relative gain of a step below which the fit has converged.
         known: derivatives by the last parameters and by the starts, from a fit nearby. Those by the first
             parameters are then computed after every step, the rest, which change little, every
-            `SHOOTING.max_stale_steps`.
+            `ESTIMATION.max_stale_steps`.
         exact: exact derivatives in the place of finite differences.
     """
 
@@ -218,7 +218,7 @@ def fit_multiple_shooting(
         if step is not None:
             x, starts, misfit, penalty, damping = step
             gain, cost = cost - misfit - penalty, misfit + penalty
-        if gain >= tolerance * cost + 1e-9 and known is not None and age < SHOOTING.max_stale_steps:
+        if gain >= tolerance * cost + 1e-9 and known is not None and age < ESTIMATION.max_stale_steps:
             residual, leading = differentiate_leading_parameters(
                 predict, x, starts, data, prior.step, n_leading
             )
@@ -249,9 +249,9 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:
     """A step that lowers the cost, with its misfit, its penalty and the next damping.
 
-    None if `SHOOTING.max_attempts` dampings, each stronger than the last, fail.
+    None if `ESTIMATION.max_attempts` dampings, each stronger than the last, fail.
     """
-    for _ in range(SHOOTING.max_attempts):
+    for _ in range(ESTIMATION.max_attempts):
         curvature, gradient, _, start_slope, start_move = eliminate_starts(*linear, damping)
         h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
         g = gradient - (x - prior.mean) * inverse

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.ndimage import label
 
-from lagsplat.diagnose.core.config import IMAGE_LOCALIZATION
+from lagsplat.diagnose.core.config import IMAGES
 
 FORCE_LAWS = ("constant", "drag")
 
@@ -72,18 +72,18 @@ def compute_excess_error(
     centre = np.median(excess)
     spread = 1.4826 * np.median(np.abs(excess - centre))
     numbers, count = label(
-        excess > centre + max(IMAGE_LOCALIZATION.pixel_z * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
+        excess > centre + max(IMAGES.pixel_z * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
     )
     total = np.maximum(excess, 0.0).sum()
     parts = []
     for number in range(1, count + 1):
         rows, columns = np.nonzero(numbers == number)
-        if len(rows) >= IMAGE_LOCALIZATION.min_region_pixels:
+        if len(rows) >= IMAGES.min_region_pixels:
             share = float(np.maximum(excess, 0.0)[rows, columns].sum() / total)
             left, right = int(columns.min()), int(columns.max()) + 1
             parts.append((left, int(rows.min()), right, int(rows.max()) + 1, share))
     parts.sort(key=lambda part: -part[4])
-    return ExcessError(excess, tuple(parts[: IMAGE_LOCALIZATION.max_regions]))
+    return ExcessError(excess, tuple(parts[: IMAGES.max_regions]))
 
 
 def localize_force(
@@ -122,11 +122,9 @@ def localize_force(
         forces.append(fits[number][1])
     explained = np.array(best)
     moves = np.abs(jacobian).max(axis=(0, 2, 3)) > 0.0
-    localisable = bool(explained.max() - explained[moves].min() >= IMAGE_LOCALIZATION.min_contrast)
+    localisable = bool(explained.max() - explained[moves].min() >= IMAGES.min_contrast)
     point = int(np.argmax(explained))
-    near = tuple(
-        int(p) for p in np.flatnonzero(explained >= explained.max() - IMAGE_LOCALIZATION.equivalent_share)
-    )
+    near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - IMAGES.equivalent_share))
     if not localisable:
         return ForceLocalization(explained, tuple(laws), False, None, (), np.zeros((0, len(force), 2)))
     return ForceLocalization(explained, tuple(laws), True, point, near, np.stack([forces[p] for p in near]))

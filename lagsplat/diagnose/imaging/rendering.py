@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
-from lagsplat.diagnose.core.config import IMAGE_RENDERING
+from lagsplat.diagnose.core.config import IMAGES
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
@@ -37,7 +37,7 @@ def compute_decoding_errors(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
 ) -> Float64[np.ndarray, " T"]:
     """Mean squared error of evenly spaced frames, each decoded from its own latents."""
-    at = choose_evenly(recording.n_frames, IMAGE_RENDERING.max_frames)
+    at = choose_evenly(recording.n_frames, IMAGES.max_frames)
     frames = np.stack([np.asarray(recording.frames[i]) for i in at])
     q = chart.to_whitened(encode_frames(autoencoder, frames))
     return image_errors(render_latents(autoencoder, chart, q), frames / 255.0)
@@ -87,14 +87,14 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
     weight = np.where(inside, weight, 0.0)
     order = np.argsort(-weight)
-    enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), IMAGE_RENDERING.body_share * weight.sum()))
+    enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), IMAGES.body_share * weight.sum()))
     kept = order[:enough][weight[order[:enough]] > 0.0]
     if not len(kept):
         raise ValueError("no visible Gaussian of the run moves with its latents; check what stage 1 learned")
     features = np.concatenate([rest, jacobian.reshape(len(rest), -1)], axis=1)[kept]
     from sklearn.cluster import KMeans  # a second to import, which only this needs
 
-    number = min(IMAGE_RENDERING.max_points, len(features))
+    number = min(IMAGES.max_points, len(features))
     clusters = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
     middle = clusters.cluster_centers_
     return BodyPoints(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))

@@ -38,13 +38,13 @@ def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, Window
     return replace(problem, windows=kept), problem.windows.select(number % 2 == 1)
 
 
-def cut_blocks(problem: EstimationProblem, held_out: WindowSet, *, period_s: float) -> WindowSet:
+def cut_blocks(problem: EstimationProblem, held_out: WindowSet) -> WindowSet:
     """Cut held-out windows into blocks of one natural period, or of a window where windows are shorter.
 
     Raises:
         ValueError: no window is as long as `HOLDOUT.min_period_share` of a period.
     """
-    frames = max(HOLDOUT.min_block_samples, round(period_s / problem.rollout_model.dataset.dt_s) + 1)
+    frames = max(HOLDOUT.min_block_samples, round(problem.period_s / problem.dataset.dt_s) + 1)
     longest = int(held_out.length.max(initial=0))
     if HOLDOUT.min_period_share * frames <= longest < frames:
         frames = longest
@@ -55,8 +55,8 @@ def cut_blocks(problem: EstimationProblem, held_out: WindowSet, *, period_s: flo
     ]
     if not first:
         raise ValueError(
-            f"no held-out stretch of {frames} samples (one natural period, {period_s:.3g} s) is left; "
-            "record longer"
+            f"no held-out stretch of {frames} samples (one natural period, {problem.period_s:.3g} s) is "
+            "left; record longer"
         )
     return WindowSet(np.array(first, dtype=np.int64), np.full(len(first), frames, dtype=np.int64))
 
@@ -140,24 +140,17 @@ def forecast_holdout(
     none: HypothesisFit,
     chosen: HypothesisFit,
     *,
-    period_s: float,
     given: MechanicalModel,
 ) -> HoldoutForecasts:
-    """The held-out error of the sim as given, after a refit alone, and with the ``chosen`` effects.
+    """The held-out error of the sim as ``given``, after a refit alone, and with the ``chosen`` effects.
 
-    Args:
-        problem: data, sim and noise.
-        none: fit without effects.
-        chosen: fit with the chosen effects.
-        period_s: length of a block, the longest natural period [s].
-        given: the model before any recalibration.
+    ``given`` is the model before any recalibration, ``none`` the fit without effects.
 
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
     half, held_out = split_windows(problem)
-    blocks = cut_blocks(problem, held_out, period_s=period_s)
-    record = problem.rollout_model.dataset
+    blocks, record = cut_blocks(problem, held_out), problem.dataset
     rms, real = np.std(record.q, axis=0), blocks.take(record.q)
     original = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
     sim = forecast_blocks(original, blocks, (), np.zeros(problem.rollout_model.nuisance.size))
@@ -171,7 +164,7 @@ def forecast_holdout(
     squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
     gap = Gap(
         **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
-        horizon_s=period_s,
+        horizon_s=problem.period_s,
         closure=estimate_closure(squares["before"], squares["after"], squares["floor"]),
         blocks=len(real),
         diverged={name: count_diverged(error, rms) for name, error in errors.items()},
@@ -190,11 +183,11 @@ def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
 
 
 def estimate_single_closure(
-    problem: EstimationProblem, hypothesis: HypothesisFit, holdout: HoldoutForecasts, *, period_s: float
+    problem: EstimationProblem, hypothesis: HypothesisFit, holdout: HoldoutForecasts
 ) -> Interval:
     """Closure of another hypothesis on the same blocks."""
     half, held_out = split_windows(problem)
-    blocks, q = cut_blocks(problem, held_out, period_s=period_s), problem.rollout_model.dataset.q
+    blocks, q = cut_blocks(problem, held_out), problem.dataset.q
     forecast = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
     after = compute_relative_square_error(forecast.y - blocks.take(q), np.std(q, axis=0))
     return estimate_closure(holdout.before, after, holdout.floor)

@@ -19,10 +19,17 @@ ProgressCallback = Callable[[str], None]
 class SearchBudget:
     """How many hypotheses are fitted in full, and what their evidence is measured against."""
 
-    settings: DiagnoseConfig  # what is fitted, and the effective sample ratio after noise inflation
+    config: DiagnoseConfig
     nominal: float  # mean square residual of the sim on its own recordings [noise variances]
     log_evidence_offset: float = 0.0
     """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
+    correlation: float = 0.0
+    """Samples that count as one in the residual of the best explanation, where that leaves much [1]."""
+
+    @property
+    def effective_sample_ratio(self) -> float:
+        """Samples of a residual that count as one independent sample, at least [1]."""
+        return max(self.config.effective_sample_ratio, self.correlation)
 
 
 @dataclass(frozen=True)
@@ -58,25 +65,25 @@ def rank_hypotheses(
         unmoved = problem.with_nuisance(problem.rollout_model.nuisance.freeze()).fit((), np.zeros(n))
         if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
-    settings, orders = budget.settings, []
+    config, orders = budget.config, []
     by_family: dict[str, list[tuple[ScoreTestResult, ShootingFit]]] = {}
     for fit in beginnings:
         scores = score_test(problem, base.effects, fit, candidates)
         order = list(dict.fromkeys(score.placed.effect.name for score in scores))
-        orders.append(order[: settings.families])
+        orders.append(order[: config.families])
         for score in scores:
             family = by_family.setdefault(score.placed.effect.name, [])
             is_new = all(previous.placed is not score.placed for previous, _ in family)
-            if is_new and len(family) < settings.places * 2:
+            if is_new and len(family) < config.places * 2:
                 family.append((score, fit))
     names = [name for row in zip(*orders, strict=False) for name in row]
     names += [name for order in orders for name in order]
-    names += [name for name in settings.always_fitted if name in by_family]
+    names += [name for name in config.always_fitted if name in by_family]
     found = []
     for name in dict.fromkeys(names):
         report_progress(name)
-        for score, fit in sorted(by_family[name], key=lambda pair: -pair[0].gain)[: settings.places]:
-            found.append(fit_candidate(problem, base.effects, fit, score, starts=settings.starts))
+        for score, fit in sorted(by_family[name], key=lambda pair: -pair[0].gain)[: config.places]:
+            found.append(fit_candidate(problem, base.effects, fit, score, starts=config.starts))
     found.sort(key=lambda hypothesis: hypothesis.fit.cost)
     n = SELECTION.refined_fits
     found[:n] = [refine_fit(problem, hypothesis) for hypothesis in found[:n]]
@@ -108,7 +115,7 @@ def rank_by_evidence(
     ``candidates`` that act on single samples are judged as well, by its residual, and the evidence that
     effects gain by the sim's own errors is subtracted.
     """
-    ratio = budget.settings.effective_sample_ratio
+    ratio = budget.effective_sample_ratio
     noisy = [] if base.effects else _explain_by_sample_noise(problem, base, candidates)
     offset = 0.0 if base.effects else budget.log_evidence_offset
     explained = max(noisy, key=lambda row: row[0], default=(0.0, base))[1].fit.misfit
@@ -143,7 +150,7 @@ def _explain_by_sample_noise(
     """Gain of log likelihood by each effect on single samples, from the residual of the base."""
     out = []
     mask = problem.data.weight[..., 0] > 0.0  # a frame shows all coordinates or none
-    record, residual = problem.rollout_model.dataset, base.fit.residual
+    record, residual = problem.dataset, base.fit.residual
     seen = np.where(mask[..., None], residual, 0.0)
     # from one sample to the next; noise of single samples has none
     correlation = float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))

@@ -1,5 +1,4 @@
-"""Every effect at every place where it may act, and where in time and frequency to look for external
-forces."""
+"""Every effect at every place where it may act, and when and how fast external forces may act."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,12 +28,6 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, estimat
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
-def list_coordinate_directions(rollout_model: RolloutModel, names: Sequence[str]) -> list[Direction]:
-    """Directions along each coordinate."""
-    eye = np.eye(rollout_model.model.d)
-    return [make_direction(name, eye[i], rollout_model.model) for i, name in enumerate(names)]
-
-
 def place_effects(
     rollout_model: RolloutModel,
     hints: Sequence[DisturbanceHints],
@@ -55,7 +48,7 @@ def place_effects(
     # the longest clips show best where a memory began
     by_length = np.argsort(np.diff(record.clips, axis=1)[:, 0], kind="stable")[::-1]
     problem = PlacementProblem(
-        coordinates=tuple(list_coordinate_directions(rollout_model, q_names)),
+        coordinates=tuple(make_direction(name, eye[i], model) for i, name in enumerate(q_names)),
         pairs=tuple(
             make_direction(f"{q_names[j]} - {q_names[i]}", eye[j] - eye[i], model) for i, j in joints
         ),
@@ -104,8 +97,7 @@ def measure_largest_motion_scales(rollout_model: RolloutModel) -> Scales:
 def extract_hints(
     smoothed: Sequence[LatentForceEstimate], *, period_s: float
 ) -> tuple[DisturbanceHints, ...]:
-    """Events of the residual force on the joint clock, and spectral lines of the longest file by
-    coordinate."""
+    """Events of the residual force on the joint clock; by coordinate, spectral lines of the longest file."""
     shifts = compute_clock_shifts([estimate.motion for estimate in smoothed])
     pushes = tuple(
         (event.start_s - shifts[event.motion], event.end_s - shifts[event.motion])

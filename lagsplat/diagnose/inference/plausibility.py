@@ -54,7 +54,7 @@ def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) ->
 
     It is 1 where there are none.
     """
-    record, shown = problem.rollout_model.dataset, 1.0
+    record, shown = problem.dataset, 1.0
     for placed in hypothesis.effects:
         if placed.effect.recurrence is not None:
             parameters = hypothesis.name_parameters(placed)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import COMBINATIONS, VERDICT, DiagnoseConfig
+from lagsplat.diagnose.core.config import SELECTION, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Verdict
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue, find_confusable
@@ -62,7 +62,6 @@ def combine_effects(
     ranking: ModelRanking,
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
-    config: DiagnoseConfig,
     *,
     report_progress: ProgressCallback,
 ) -> tuple[HypothesisFit, ...]:
@@ -72,21 +71,22 @@ def combine_effects(
     first effect than the best single one. Half of the budget's families are fitted. Empty where nothing beats
     `none`.
     """
+    config = budget.config
     singles = select_probable_effects(ranking, config)
     if not singles:
         return ()
     firsts = [fit for fit in singles if fit.effects[-1].changes_motion]
     families = max(3, config.families // 2)
-    settings = replace(budget.settings, families=families, places=1, starts=1, always_fitted=[])
-    narrow = replace(budget, settings=settings)
-    freedom, gap = problem.degrees_of_freedom, GapMeasure(problem.degrees_of_freedom, budget.nominal, config)
+    narrow = replace(budget, config=replace(config, families=families, places=1, starts=1, always_fitted=[]))
+    freedom = problem.degrees_of_freedom
+    gap = GapMeasure(freedom, budget.nominal, config)
     chain = [singles[0]]
-    while len(chain) < COMBINATIONS.max_effects and (
-        chain[-1].fit.misfit / freedom - budget.nominal > COMBINATIONS.min_excess
+    while len(chain) < SELECTION.max_effects and (
+        chain[-1].fit.misfit / freedom - budget.nominal > SELECTION.min_excess
         or gap.compute_excess_penalty(chain[-1]) > 0.0
     ):
         larger = []
-        for known in firsts[: COMBINATIONS.max_first_effects] if len(chain) == 1 else chain[-1:]:
+        for known in firsts[: SELECTION.max_first_effects] if len(chain) == 1 else chain[-1:]:
             names = {placed.effect.name for placed in known.effects}
             others = [candidate for candidate in candidates if candidate.effect.name not in names]
             more = rank_hypotheses(problem, others, narrow, known=known, report_progress=report_progress)
@@ -96,7 +96,7 @@ def combine_effects(
         if not larger:
             break
         least = min(fit.fit.misfit for fit in larger) / freedom
-        noise_inflation = max(budget.nominal, least) * budget.settings.effective_sample_ratio
+        noise_inflation = max(budget.nominal, least) * budget.effective_sample_ratio
         best = max(larger, key=lambda fit: compute_log_evidence(fit, problem.rollout_model, noise_inflation))
         # the share above the noise floor; the cost includes the penalty of the nuisance parameters
         floor = budget.nominal * freedom

@@ -14,7 +14,13 @@ from lagsplat.diagnose.core.config import PROBLEM, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.estimation.dataset import PreparedDataset, WindowSet, cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.dataset import (
+    Dataset,
+    PreparedDataset,
+    WindowSet,
+    cut_windows,
+    prepare_dataset,
+)
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
@@ -44,9 +50,14 @@ class EstimationProblem:
     tolerance: float
     repeated_samples: Bool[np.ndarray, " N"]  # samples that repeat an earlier one; they are not fitted
     noise_inflation: float
-    """Factor on the noise variance in fits: what the sim leaves of its own recordings, and its
-    correlation."""
+    """Factor on the noise variance in fits: misfit on the sim's own recordings, and its correlation."""
+    period_s: float  # longest natural period of the sim about its rest [s]
     excluded_windows: int  # number of windows that are left out because the sim was never seen to move so
+
+    @property
+    def dataset(self) -> Dataset:
+        """The recording."""
+        return self.rollout_model.dataset
 
     @cached_property
     def repeats(self) -> Bool[np.ndarray, "W L"]:
@@ -56,23 +67,23 @@ class EstimationProblem:
     @cached_property
     def data(self) -> ShootingData:
         """The windows' samples with their weights, 1 / sigma, and the steps of the initial states."""
-        record = self.rollout_model.dataset
+        q, v = self.dataset.q, self.dataset.v
         return ShootingData(
-            self.windows.take(record.q),
+            self.windows.take(q),
             (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
-            1e-4 * np.concatenate([np.std(record.q, axis=0), np.std(record.v, axis=0)]),
+            1e-4 * np.concatenate([np.std(q, axis=0), np.std(v, axis=0)]),
         )
 
     @property
     def degrees_of_freedom(self) -> float:
         """Number of samples less that of the initial states."""
-        w, d = self.windows, self.rollout_model.dataset.d
+        w, d = self.windows, self.dataset.d
         return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""
-        states = np.concatenate([self.rollout_model.smooth, self.rollout_model.dataset.v], axis=1)
+        states = np.concatenate([self.rollout_model.smooth, self.dataset.v], axis=1)
         return states[self.windows.first]
 
     def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
@@ -130,44 +141,34 @@ def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutMode
     )
 
 
-@dataclass(frozen=True)
-class NaturalPeriods:
-    """Longest and shortest natural period of the sim about its rest [s]."""
+def estimate_natural_periods(model: MechanicalModel, fallback_s: float) -> tuple[float, float]:
+    """Longest and shortest natural period [s], from stiffness and inertia at rest.
 
-    longest_s: float
-    shortest_s: float
-
-
-def estimate_natural_periods(model: MechanicalModel, fallback_s: float) -> NaturalPeriods:
-    """Natural periods from stiffness and inertia at rest, limited to a factor of 3 (shortest: 5) from the
-    motion's.
-
-    Where no mode is stable both are ``fallback_s``, the rms period of the motion [s].
+    They are within a factor of 3 (shortest: 5) of ``fallback_s``, the rms period of the motion [s], and equal
+    to it where no mode is stable.
     """
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
     if not len(values):
-        return NaturalPeriods(fallback_s, fallback_s)
+        return fallback_s, fallback_s
     longest, shortest = (float(2.0 * np.pi / np.sqrt(value)) for value in (values.min(), values.max()))
     most = 3.0 * fallback_s
-    return NaturalPeriods(
-        min(max(longest, fallback_s / 3.0), most), min(max(shortest, fallback_s / 5.0), most)
-    )
+    return min(max(longest, fallback_s / 3.0), most), min(max(shortest, fallback_s / 5.0), most)
 
 
 def build_problem(
     sim: EstimatedSimulator, real: Sequence[Trajectory], config: DiagnoseConfig
-) -> tuple[EstimationProblem, PreparedDataset, NaturalPeriods]:
-    """The estimation problem of all hypotheses about ``real``, its data set, and the natural periods.
+) -> EstimationProblem:
+    """The estimation problem of all hypotheses about ``real``.
 
     Raises:
         ValueError: the trajectories are too short for a single window.
     """
     model = sim.model
-    natural = estimate_natural_periods(model, estimate_spectral_period_s(real))
-    ready = prepare_dataset(real, period_s=natural.shortest_s)
+    longest_s, shortest_s = estimate_natural_periods(model, estimate_spectral_period_s(real))
+    ready = prepare_dataset(real, period_s=shortest_s)
     record = ready.dataset
-    omega = 2.0 * np.pi / natural.longest_s
+    omega = 2.0 * np.pi / longest_s
     force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
     nuisance = NuisanceParameters(
         config.potential,
@@ -178,11 +179,11 @@ def build_problem(
         record.u.shape[1],
         sim.uncertainty_directions,
     )
-    steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / natural.shortest_s)))
-    reach_s = config.window_periods * sim.window_scale * natural.longest_s
+    steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / shortest_s)))
+    reach_s = config.window_periods * sim.window_scale * longest_s
     windows = cut_windows(record, length_s=reach_s, min_frames=20)
     if len(windows.first) < 4:
-        windows = cut_windows(record, length_s=natural.longest_s, min_frames=20)
+        windows = cut_windows(record, length_s=longest_s, min_frames=20)
     like = select_known_windows(sim, windows, ready)
     problem = EstimationProblem(
         RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth),
@@ -192,10 +193,11 @@ def build_problem(
         tolerance=config.tolerance,
         repeated_samples=find_repeated_samples(record.q, record.clips, ready.sigma),
         noise_inflation=max(sim.misfit, 1.0) * sim.correlation,
+        period_s=longest_s,
         excluded_windows=int(np.count_nonzero(~like)),
     )
     kept = select_visible_directions(problem, sim.uncertainty_directions)
-    return problem.with_nuisance(replace(nuisance, directions=kept)), ready, natural
+    return problem.with_nuisance(replace(nuisance, directions=kept))
 
 
 def select_known_windows(
@@ -217,10 +219,10 @@ def select_visible_directions(
     prior, n = make_joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
-    residual, derivatives, start_derivatives = differentiate_predictions(
+    linear = differentiate_predictions(
         problem.predict(()), np.zeros(n), problem.initial_states, problem.data, step
     )
-    curvature, *_ = eliminate_starts(residual, derivatives, start_derivatives)
+    curvature, *_ = eliminate_starts(*linear)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom
@@ -234,8 +236,8 @@ def calibrate_misfit(
     An error of a sim lasts for a part of a period, so many samples count as one. Of long recordings windows
     that last ``config.reference_longest_s`` together are used, evenly spread.
     """
-    problem, _, _ = build_problem(sim, motions, config)
-    frames = config.reference_longest_s / problem.rollout_model.dataset.dt_s
+    problem = build_problem(sim, motions, config)
+    frames = config.reference_longest_s / problem.dataset.dt_s
     return measure_misfit(sim, replace(problem, windows=problem.windows.subsample(frames)))
 
 
@@ -253,8 +255,7 @@ def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> Estim
 
 
 def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
-    """Samples that count as one independent sample: the two-sided sum of the autocorrelation to its first
-    zero.
+    """Samples that count as one: the two-sided sum of the autocorrelation to its first zero.
 
     Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
     """

@@ -57,7 +57,7 @@ def estimate_parameters(
         return out
     prior = make_joint_prior(hypothesis.fitted, problem.rollout_model)
     low, high = compute_laplace_interval(hypothesis, prior, noise_inflation)
-    cut, record = hypothesis.parameter_slice(placed), problem.rollout_model.dataset
+    cut, record = hypothesis.parameter_slice(placed), problem.dataset
     rows = (hypothesis.fit.x[cut], low[cut], high[cut])
     best, *ends = (list_published_parameters(placed, row, record) for row in rows)
     for key, value in best.items():
@@ -123,7 +123,7 @@ def compute_profiles(
     """
     if not np.isfinite(hypothesis.fit.curvature).all():
         return
-    hypothesis, record = replace(hypothesis, effects=hypothesis.fitted), problem.rollout_model.dataset
+    hypothesis, record = replace(hypothesis, effects=hypothesis.fitted), problem.dataset
     prior = make_joint_prior(hypothesis.effects, problem.rollout_model)
     deviation = compute_posterior_deviations(hypothesis.fit, prior, noise_inflation)
     count = 0

@@ -60,12 +60,12 @@ def calibrate_null_evidence(
     wanted_s = sum(motion.duration_s for motion in real)
     part = leading_samples(reference, wanted_s)
     if sim.novelty_detector is None:
-        problem, duration_ratio = build_problem(sim, [part], config)[0], max(1.0, wanted_s / part.duration_s)
-        quiet = drop_overlapping_windows(problem.windows, problem.rollout_model.dataset, sim.outlier_spans)
+        problem, duration_ratio = build_problem(sim, [part], config), max(1.0, wanted_s / part.duration_s)
+        quiet = drop_overlapping_windows(problem.windows, problem.dataset, sim.outlier_spans)
         problem = replace(problem, windows=quiet)
     else:
         problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
-    period_s = estimate_natural_periods(sim.model, estimate_spectral_period_s([part])).longest_s
+    period_s, _ = estimate_natural_periods(sim.model, estimate_spectral_period_s([part]))
     hints = find_hints(sim.model, [part], period_s=period_s, hold=config.input_hold)
     q_names, u_names = reference.q_names, reference.u_names
     candidates = place_effects(
@@ -85,23 +85,21 @@ def match_windows(
     The errors of a law depend on the state, so the reference must visit the states of the real trajectories.
     """
     assert sim.novelty_detector is not None
-    real_problem, ready, _ = build_problem(sim, real, config)
-    own_problem, reference_ready, _ = build_problem(sim, [reference], config)
-    chosen = sim.novelty_detector.find_nearest(
-        window_features(real_problem.windows, ready.smooth, ready.dataset),
-        window_features(own_problem.windows, reference_ready.smooth, reference_ready.dataset),
+    own, other = (build_problem(sim, motions, config) for motions in ([reference], real))
+    own_features, features = (
+        window_features(each.windows, each.rollout_model.smooth, each.dataset) for each in (own, other)
     )
-    return replace(own_problem, windows=own_problem.windows.select(chosen))
+    chosen = sim.novelty_detector.find_nearest(features, own_features)
+    return replace(own, windows=own.windows.select(chosen))
 
 
 @dataclass(frozen=True)
 class CoefficientFit:
-    """A recalibrated model, its fit, and the coefficient changes (n, K) that the fitted parameters stand
-    for."""
+    """A recalibrated model and its fit."""
 
     model: MechanicalModel
     fit: ShootingFit
-    moves: Float64[np.ndarray, "n K"]
+    moves: Float64[np.ndarray, "n K"]  # changes of all coefficients by one unit of each fitted parameter
 
 
 def recalibrate_simulator(
@@ -115,14 +113,14 @@ def recalibrate_simulator(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    problem, ready, _ = build_problem(sim, motions, config)
-    rollout_model, record = problem.rollout_model, problem.rollout_model.dataset
+    problem = build_problem(sim, motions, config)
+    smooth, record = problem.rollout_model.smooth, problem.dataset
     windows = problem.windows.subsample(2.0 * config.reference_longest_s / record.dt_s)
 
     def take_half(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
         data = replace(problem, windows=chosen).data
-        return IdentificationProblem(record, ready.smooth, chosen, data, rollout_model.steps, config)
+        return IdentificationProblem(record, smooth, chosen, data, problem.rollout_model.steps, config)
 
     training, validation = take_half(0), take_half(1)
     misfit, best = validation.compute_misfit(sim.model), None
@@ -143,7 +141,7 @@ def recalibrate_simulator(
         model=replace(best.model, rest=find_rest(best.model)),
         original=sim,
         uncertainty_directions=_unidentified_directions(best, training),
-        novelty_detector=NoveltyDetector.from_recordings(problem.windows, ready.smooth, record),
+        novelty_detector=NoveltyDetector.from_recordings(problem.windows, smooth, record),
     )
 
 

@@ -7,11 +7,12 @@ misfit counts as noise, and correlated samples count as one.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import ROBUSTNESS, DiagnoseConfig
+from lagsplat.diagnose.core.config import ROBUSTNESS
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
@@ -28,8 +29,7 @@ from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 def inflate_noise(
     problem: EstimationProblem, budget: SearchBudget, best: HypothesisFit
 ) -> tuple[EstimationProblem, SearchBudget] | None:
-    """Inflate the noise to the misfit that the ``best`` explanation leaves; None if that is near the nominal
-    one.
+    """Inflate the noise to the misfit that the ``best`` explanation leaves; None if that is nearly nominal.
 
     The median over the windows counts: a push by hand in a few of them is no error of the law.
     """
@@ -39,19 +39,8 @@ def inflate_noise(
     if misfit <= ROBUSTNESS.inflation_misfit * budget.nominal:
         return None
     correlation = compute_autocorrelation_time(best.fit.residual, length)
-    ratio = max(budget.settings.effective_sample_ratio, correlation)
-    return (
-        replace(problem, noise_inflation=max(problem.noise_inflation, misfit * correlation)),
-        replace(budget, settings=replace(budget.settings, effective_sample_ratio=ratio)),
-    )
-
-
-@dataclass(frozen=True)
-class RobustnessCheck:
-    """The most probable name in each repeat, and whether too few agree with the verdict."""
-
-    fragile: bool
-    answers: dict[str, str]
+    noise_inflation = max(problem.noise_inflation, misfit * correlation)
+    return replace(problem, noise_inflation=noise_inflation), replace(budget, correlation=correlation)
 
 
 def check_robustness(
@@ -61,11 +50,11 @@ def check_robustness(
     judgement: Judgement,
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
-    config: DiagnoseConfig,
-) -> RobustnessCheck:
+) -> dict[str, Any]:
     """Repeat the verdict with half and twice the noise, undistorted coordinates, and added noise (twice).
 
-    Only the leading effects are fitted again, and the implausibility of the explanation is kept.
+    Only the leading effects are fitted again, and the implausibility of the explanation is kept. Returns the
+    most probable name in each repeat, ``answers``, and whether too few agree with the verdict, ``fragile``.
     """
     best = [ranking.best_fit(name) for name in judgement.probabilities]
     # effects on single samples need no fit
@@ -83,14 +72,13 @@ def check_robustness(
         answers[name] = judge_hypotheses(
             again,
             sets,
-            GapMeasure(perturbed.degrees_of_freedom, nominal, config),
+            GapMeasure(perturbed.degrees_of_freedom, nominal, budget.config),
             most=compute_motionless_misfit(perturbed),
             doubt=lambda hypothesis: doubted,
         ).most_probable
     agreeing = {judgement.most_probable} | find_confusable(judgement.most_probable)
-    return RobustnessCheck(
-        sum(answer in agreeing for answer in answers.values()) < ROBUSTNESS.min_agreeing, answers
-    )
+    n_agreeing = sum(answer in agreeing for answer in answers.values())
+    return {"fragile": n_agreeing < ROBUSTNESS.min_agreeing, "answers": answers}
 
 
 def _refit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import MEASUREMENT_MODEL
+from lagsplat.diagnose.core.config import STATE_MAPS
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import number_blocks
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
@@ -37,8 +37,8 @@ def measure_speed_noise(
         excess.append(np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1))
         total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
     sums = np.bincount(number_blocks(estimates, period_s), np.concatenate(excess))
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (MEASUREMENT_MODEL.sign_flips, len(sums)))
-    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + MEASUREMENT_MODEL.sign_flips)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, len(sums)))
+    p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + STATE_MAPS.sign_flips)
     return SpeedNoise(float(np.clip(sums.sum() / max(total, 1e-300), 0.0, 1.0)), float(p))
 
 

@@ -100,7 +100,7 @@ def settings() -> DiagnoseConfig:
 def contest(real: Sequence[Trajectory], *, model: MechanicalModel | None = None) -> EstimationProblem:
     """The contest of an exactly known oscillator with ``real``."""
     known = model or oscillator(n_u=real[0].n_u)
-    return build_problem(EstimatedSimulator.exact(known), real, settings())[0]
+    return build_problem(EstimatedSimulator.exact(known), real, settings())
 
 
 def coupled() -> MechanicalModel:

@@ -15,10 +15,8 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: P
     """Return ``y + zoom (y - rest) + shift`` along the direction."""
     along = placed.direction
     assert along is not None
-    p = along.covector
-    s = y @ p - along.rest
-    move = theta[:, 0, None, None] * s + theta[:, 1, None, None]
-    return y + move[..., None] * (p / (p @ p))
+    s = y @ along.covector - along.rest
+    return along.shift(y, theta[:, 0, None, None] * s + theta[:, 1, None, None])
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:

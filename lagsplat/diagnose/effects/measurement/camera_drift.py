@@ -13,10 +13,8 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
     """Return ``y + rate t`` along the direction."""
-    along = placed.direction
-    assert along is not None
-    p = along.covector
-    return y + (theta[:, 0, None, None] * t)[..., None] * (p / (p @ p))
+    assert placed.direction is not None
+    return placed.direction.shift(y, theta[:, 0, None, None] * t)
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:

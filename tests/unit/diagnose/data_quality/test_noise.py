@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.core.config import DATASET
+from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.noise import (
     estimate_noise_level,
@@ -119,7 +119,7 @@ def test_the_level_of_noise_is_found_and_outliers_do_not_raise_it() -> None:
 def test_a_noise_free_motion_is_given_the_least_noise() -> None:
     ready = prepare_dataset([swing(noise=0.0, seconds=6.0)], period_s=PERIOD_S)
     rms = ready.dataset.q.std(axis=0)
-    assert (ready.sigma >= DATASET.min_relative_noise * rms).all()
+    assert (ready.sigma >= ESTIMATION.min_relative_noise * rms).all()
     assert (ready.sigma < 2e-3 * rms).all()
 
 

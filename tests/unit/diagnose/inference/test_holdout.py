@@ -34,7 +34,7 @@ def stiff(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float,
 def made() -> tuple[EstimationProblem, HypothesisFit, HypothesisFit]:
     """A contest with noise, the sim re-anchored, and the sim with what it lacks."""
     films = [film(stiff, u=wave(i), noise=0.01, seconds=16.0 - 4.0 * i, seed=i) for i in (0, 1)]
-    one = contest(films)
+    one = replace(contest(films), period_s=PERIOD_S)
     along = Direction("q0", np.ones(1), 1.0)
     effect = PlacedEffect(
         linear_stiffness.EFFECT, measure_motion_scales(one.rollout_model, along), direction=along
@@ -54,7 +54,7 @@ def test_what_is_held_out_is_not_fitted_to(
     assert not fitted & out
     assert len(fitted) + len(out) == len(made[0].windows.first)
     assert abs(len(fitted) - len(out)) <= 1
-    blocks = cut_blocks(made[0], held, period_s=PERIOD_S)
+    blocks = cut_blocks(made[0], held)
     assert (blocks.length == blocks.length[0]).all()
     for start in blocks.first:
         home = held.first[(held.first <= start) & (start + blocks.length[0] <= held.first + held.length)]
@@ -65,7 +65,7 @@ def test_what_is_held_out_is_not_fitted_to(
 
 def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, HypothesisFit, HypothesisFit]) -> None:
     one, none, true = made
-    held = forecast_holdout(one, none, true, period_s=PERIOD_S, given=one.rollout_model.model)
+    held = forecast_holdout(one, none, true, given=one.rollout_model.model)
     rms = one.rollout_model.dataset.q.std(axis=0)
     for kind, size in (("sim", held.gap.before), ("augmented", held.gap.after)):
         squares = [np.mean(((getattr(b, kind) - b.real) / rms) ** 2) for b in held.blocks]
@@ -80,7 +80,7 @@ def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, Hypothesis
 def test_the_true_effect_closes_the_gap_down_to_the_floor(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
-    gap = forecast_holdout(*made, period_s=PERIOD_S, given=made[0].rollout_model.model).gap
+    gap = forecast_holdout(*made, given=made[0].rollout_model.model).gap
     assert gap.before > 5.0 * gap.floor
     assert gap.after == pytest.approx(gap.floor, rel=0.25)
     assert gap.after <= gap.refit < gap.before
@@ -92,7 +92,7 @@ def test_a_forecast_looks_at_ten_samples_only(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
     one, none, _ = made
-    blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
+    blocks = cut_blocks(one, split_windows(one)[1])
     told = forecast_blocks(one, blocks, (), fit_half(split_windows(one)[0], none))
     record = one.rollout_model.dataset
     changed = record.q.copy()
@@ -107,7 +107,7 @@ def test_the_floor_is_the_error_that_the_true_model_makes(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
     one, _, true = made
-    blocks = cut_blocks(one, split_windows(one)[1], period_s=PERIOD_S)
+    blocks = cut_blocks(one, split_windows(one)[1])
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
     errors = compute_relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
@@ -117,7 +117,7 @@ def test_a_block_longer_than_what_is_held_out_is_refused(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
     with pytest.raises(ValueError, match="record longer"):
-        cut_blocks(made[0], split_windows(made[0])[1], period_s=50.0)
+        cut_blocks(replace(made[0], period_s=50.0), split_windows(made[0])[1])
 
 
 def test_closure_is_one_at_the_floor_zero_where_nothing_changed_and_nothing_without_a_gap() -> None:

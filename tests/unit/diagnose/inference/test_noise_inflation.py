@@ -35,9 +35,7 @@ def test_what_is_left_counts_as_noise_where_nothing_explains(odd: EstimationProb
     left, alike = np.median(each), compute_autocorrelation_time(none.fit.residual, odd.windows.length)
     assert left > 100.0
     assert dear.noise_inflation == pytest.approx(left * alike)
-    assert effort_there.settings.effective_sample_ratio == pytest.approx(
-        max(effort.settings.effective_sample_ratio, alike)
-    )
+    assert effort_there.effective_sample_ratio == pytest.approx(max(effort.effective_sample_ratio, alike))
     deviation = odd.rollout_model.nuisance.deviation
 
     def far(one: HypothesisFit) -> float:
