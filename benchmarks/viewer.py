@@ -149,7 +149,7 @@ def measure_run(folder: str) -> None:
         if snapshot.requested_s is not None:
             taken.setdefault(snapshot.requested_s, 1e3 * (time.perf_counter() - snapshot.requested_s))
 
-    loop = RealtimeLoop(session, show, pictures_hz=settings.viewer.pictures_hz)
+    loop = RealtimeLoop(session, show, print)
     loop.start()
     began = time.perf_counter()
     loop.submit(lambda s: grasp(s, pull, began))

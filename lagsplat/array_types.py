@@ -26,6 +26,7 @@ from torch import Tensor
 
 Frames = UInt8[np.ndarray, "T H W 3"]
 Images = Float32[Tensor, "B 3 H W"]
+Latent = Float[Tensor, " d"]
 Latents = Float[Tensor, "B d"]
 Inputs = Float[Tensor, "B n_u"]
 Spd = Float[Tensor, "B d d"]

@@ -75,10 +75,8 @@ class EncodedTrajectory:
     def __post_init__(self) -> None:
         for start, stop in self.segments:
             if not 0 <= start < stop <= len(self.latents):
-                raise ValueError(
-                    f"segment ({start}, {stop}) does not lie within the {len(self.latents)} frames; give "
-                    "half-open ranges of frames"
-                )
+                frames = f"the {len(self.latents)} frames of the trajectory"
+                raise ValueError(f"segment ({start}, {stop}) is no half-open range within {frames}")
 
     @cached_property
     def clock(self) -> TimeBase:
@@ -95,10 +93,8 @@ class EncodedTrajectory:
 
         Inputs keep their range: otherwise the filter turns a pressure step into suction.
         """
-        latents, inputs = (
-            smooth_trajectory(series, sigma_frames, self.segments, self.clock)
-            for series in (self.latents, self.inputs)
-        )
+        latents = smooth_trajectory(self.latents, sigma_frames, self.segments, self.clock)
+        inputs = smooth_trajectory(self.inputs, sigma_frames, self.segments, self.clock)
         if inputs.size:
             inputs = inputs.clip(self.inputs.min(axis=0), self.inputs.max(axis=0))
         return replace(self, latents=latents, inputs=inputs)

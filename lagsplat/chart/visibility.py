@@ -40,13 +40,12 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
 
     Source: paper eq. (visibility).
     """
-    near = far = sharp = np.zeros((q.shape[1], q.shape[1]))
+    near, far, sharp = totals = np.zeros((3, q.shape[1], q.shape[1]))
     for first in range(0, len(q), CHUNK):
         part = torch.from_numpy(np.ascontiguousarray(q[first : first + CHUNK]))
         slope, wide = _slopes(decode, part, step), _slopes(decode, part, 2.0 * step)
-        near = near + _gram(slope) / len(q)
-        far = far + _gram(wide) / len(q)
-        sharp = sharp + _gram((4.0 * slope - wide) / 3.0) / len(q)
+        for total, each in zip(totals, (slope, wide, (4.0 * slope - wide) / 3.0), strict=True):
+            total += torch.einsum("bip,bjp->ij", each, each).numpy() / len(q)
     size = np.linalg.norm(near)
     if not size > 0.0:
         raise ValueError("no latent direction changes the image: check what stage 1 learned")
@@ -69,10 +68,6 @@ def _slopes(decode: Decode, q: Float[Tensor, "B d"], step: float) -> Float[Tenso
     ahead = torch.stack([decode(q + row).flatten(1).double() for row in shift], 1)
     behind = torch.stack([decode(q - row).flatten(1).double() for row in shift], 1)
     return (ahead - behind) / (2.0 * step)
-
-
-def _gram(slope: Float[Tensor, "B d P"]) -> Float64[np.ndarray, "d d"]:
-    return torch.einsum("bip,bjp->ij", slope, slope).numpy()
 
 
 def estimate_intrinsic_dimension(q: Series, *, frames: int, neighbours: int, seed: int) -> float:

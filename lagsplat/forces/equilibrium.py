@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
-from lagsplat.array_types import Inputs, Latents, Spd
+from lagsplat.array_types import Inputs, Latent, Latents, Spd
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.grasp import GraspPoint, MatterKinematics, compute_kinematics
 from lagsplat.forces.loaded_lagrangian import LoadedLagrangian
@@ -29,12 +29,7 @@ SHORTEST = 2.0**-40  # smallest factor on a Newton step
 
 @torch.no_grad()
 def settle(
-    law: Lagrangian,
-    u: Inputs,
-    load: Float[Tensor, "B d"],
-    *,
-    edits: LawEdits = UNTOUCHED,
-    start: Float[Tensor, " d"] | None = None,
+    law: Lagrangian, u: Inputs, load: Latents, *, edits: LawEdits = UNTOUCHED, start: Latent | None = None
 ) -> Latents:
     """Find the equilibria (B, d) under inputs ``u`` and generalised forces ``load``, one per row.
 
@@ -135,10 +130,10 @@ class OperatingPoint:
     law: Lagrangian
     kinematics: MatterKinematics
     u: Float[Tensor, " n_u"]
-    rest: Float[Tensor, " d"]
+    rest: Latent
     visited_radius: float
 
-    def equilibria(self, loads: Float[Tensor, "B d"]) -> Latents:
+    def equilibria(self, loads: Latents) -> Latents:
         """Find the equilibria under generalised forces, one per row."""
         return settle(self.law, self.u.expand(len(loads), -1), loads, start=self.rest)
 

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.array_types import Latents
+from lagsplat.array_types import Latent, Latents
 from lagsplat.chart.chart import Chart
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2
@@ -15,6 +15,7 @@ from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.decoder_mass import DecoderGeometry, compute_decoder_geometry
 
 Point = tuple[float, float]  # x to the right and y down [px]; the first pixel's centre is (0.5, 0.5)
+Size = tuple[int, int]  # height and width [px]
 Place = tuple[float, float, float]  # the same in space, z away from the recording camera [px at the pivot]
 
 
@@ -35,7 +36,7 @@ class GraspPoint:
     weights: Float[Tensor, " K"]
     jacobian: Float[Tensor, "n d"]
     at: Float[Tensor, " n"]
-    clicked: Float[Tensor, " d"]
+    clicked: Latent
 
     def pull_back(self, force: Float[Tensor, "*B n"]) -> Float[Tensor, "*B d"]:
         """Compute the generalised force ``J^T f`` of ``force`` [energy per px]."""
@@ -82,9 +83,7 @@ class MatterKinematics:
         return self.geometry.opacity * torch.exp(-0.5 * away.square().sum(-1))
 
 
-def grasp_brush(
-    kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place, *, radius: float
-) -> GraspPoint:
+def grasp_brush(kinematics: MatterKinematics, q: Latent, at: Point | Place, *, radius: float) -> GraspPoint:
     """Grasp what is visible around ``at`` with weights ``w_i ~ alpha_i exp(-|mu_i - x|^2 / 2 radius^2)``.
 
     ``alpha_i`` is opacity times gate at ``q``.
@@ -104,17 +103,17 @@ def grasp_brush(
             f"nothing is present within a brush of {radius:.3g} px around {_format_point(at)}: the image "
             "shows its background colour there; click on the object or widen forces.brush"
         )
-    return _make_grasp_point(kinematics, q, at, weights / weights.sum())
+    return _make_grasp(kinematics, q, at, weights / weights.sum())
 
 
-def grasp_nearest(kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place) -> GraspPoint:
+def grasp_nearest(kinematics: MatterKinematics, q: Latent, at: Point | Place) -> GraspPoint:
     """Grasp the Gaussian whose centre is closest to ``at`` among those that are visible at ``q``."""
     present, distance = _measure_distances(kinematics, q, at)
     chosen = torch.where(present >= ALPHA_MIN, distance, torch.inf).argmin()
-    return _make_grasp_point(kinematics, q, at, torch.zeros_like(present).index_fill(0, chosen, 1.0))
+    return _make_grasp(kinematics, q, at, torch.zeros_like(present).index_fill(0, chosen, 1.0))
 
 
-def grasp_along_ray(kinematics: MatterKinematics, q: Float[Tensor, " d"], gaussian: int) -> GraspPoint:
+def grasp_along_ray(kinematics: MatterKinematics, q: Latent, gaussian: int) -> GraspPoint:
     """Grasp the Gaussian with the number ``gaussian``, for instance of a `RayHit`, at its centre."""
     place = kinematics.places(q[None])[0, gaussian]
     weights = torch.zeros(len(kinematics.center), dtype=torch.float64)
@@ -134,9 +133,7 @@ def _require_inside(at: Point, height: int, width: int) -> None:
         )
 
 
-def _measure_distances(
-    kinematics: MatterKinematics, q: Float[Tensor, " d"], at: Point | Place
-) -> tuple[Tensor, Tensor]:
+def _measure_distances(kinematics: MatterKinematics, q: Latent, at: Point | Place) -> tuple[Tensor, Tensor]:
     """Opacity of every Gaussian at ``q``, and the square of its distance from ``at`` [px^2]."""
     place = torch.tensor(at, dtype=torch.float64)
     if len(at) != kinematics.space:
@@ -157,9 +154,7 @@ def _measure_distances(
     return present, (kinematics.places(q[None])[0] - place).square().sum(1)
 
 
-def _make_grasp_point(
-    kinematics: MatterKinematics, q: Tensor, at: Point | Place, weights: Tensor
-) -> GraspPoint:
+def _make_grasp(kinematics: MatterKinematics, q: Tensor, at: Point | Place, weights: Tensor) -> GraspPoint:
     jacobian = torch.einsum("k,kcd->cd", weights, kinematics.geometry.jacobian)
     return GraspPoint(weights, jacobian, torch.tensor(at, dtype=torch.float64), q)
 
@@ -189,13 +184,7 @@ class RayHit:
 
 @torch.no_grad()
 def cast_ray(
-    autoencoder: Autoencoder,
-    chart: Chart,
-    q: Float[Tensor, " d"],
-    view: View,
-    pixel: Point,
-    *,
-    size: tuple[int, int] | None = None,
+    autoencoder: Autoencoder, chart: Chart, q: Latent, view: View, pixel: Point, *, size: Size | None = None
 ) -> RayHit:
     """Find the Gaussian that the camera ``view`` shows in ``pixel`` at the whitened state ``q``.
 

@@ -46,11 +46,6 @@ class MovingParts:
         """Pixels of the object that moves."""
         return self.relative > OUTLINE
 
-    @property
-    def background(self) -> Bool[np.ndarray, "H W"]:
-        """Pixels that do not move."""
-        return self.motion < STILL
-
 
 @torch.no_grad()
 def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> MovingParts:
@@ -99,8 +94,8 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
 
 
 def choose_background_points(scene: MovingParts, count: int, *, margin: float) -> list[Point]:
-    """Choose up to ``count`` background pixels far from each other, the object and the edge."""
-    usable = scene.background & _inside(scene.motion.shape, margin)
+    """Choose up to ``count`` pixels that do not move, far from each other, the object and the edge."""
+    usable = (scene.motion < STILL) & _inside(scene.motion.shape, margin)
     rows, columns = np.nonzero(usable)
     apart = _distance(rows, columns, np.argwhere(scene.object))
     points: list[Point] = []

@@ -75,13 +75,11 @@ def _require_gsplat():  # type: ignore[no-untyped-def]
         import gsplat
         from gsplat.cuda._backend import _C
     except ImportError as error:
-        raise ImportError(
-            f"the gsplat rasteriser needs the package gsplat ({error}): pip install 'lagsplat[cuda]', "
-            "or choose the backend 'torch'"
-        ) from error
+        install = "pip install 'lagsplat[cuda]', or choose the backend 'torch'"
+        raise ImportError(f"the gsplat rasteriser needs the package gsplat ({error}): {install}") from error
     if _C is None:
         raise ImportError(
-            "gsplat has no compiled kernels: it needs a CUDA toolkit (nvcc) to build them on first use. "
-            "Install one, or choose the backend 'torch'"
+            "gsplat has no compiled kernels: install a CUDA toolkit (nvcc), which builds them on first use, "
+            "or choose the backend 'torch'"
         )
     return gsplat

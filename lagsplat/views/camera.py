@@ -41,7 +41,7 @@ class Camera:
         a, b = turn.shape, self.position.shape
         if (a, b) != ((3, 3), (3,)):
             raise ValueError(f"a camera has a rotation of (3, 3) and a position of (3,), not {a} and {b}")
-        if not (np.isfinite(turn).all() and np.isfinite(self.position).all()):
+        if not np.isfinite([*turn.flat, *self.position]).all():
             raise ValueError("a camera's pose is not finite; calibrate it again")
         off, determinant = float(np.abs(turn @ turn.T - np.eye(3)).max()), np.linalg.det(turn)
         if off > ROUNDING or determinant < 0:

@@ -46,7 +46,7 @@ class NovelViews:
                 f"{len(self.held_out)} marks of what is held out: give one of each per image"
             )
         for name, camera in zip(self.names, self.cameras, strict=True):
-            _require_images_of(camera, height, width, f"camera {name!r}", "its images")
+            _require_size(camera, (height, width), f"camera {name!r}", "its images")
         if self.cover is not None and self.cover.shape != self.images.shape[:4]:
             raise ValueError(f"cover of shape {self.cover.shape} for images of shape {self.images.shape}")
         if self.held_out.all():
@@ -70,14 +70,14 @@ def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> No
         raise ValueError(
             f"novel views of {len(views.images)} instants for {count} frames: make them from this recording"
         )
-    _require_images_of(views.space.reference, height, width, "the views' reference camera", "the frames")
+    _require_size(views.space.reference, (height, width), "the views' reference camera", "the frames")
 
 
-def _require_images_of(camera: Camera, height: int, width: int, who: str, images: str) -> None:
-    if (camera.height, camera.width) != (height, width):
+def _require_size(camera: Camera, size: tuple[int, int], who: str, images: str) -> None:
+    if (camera.height, camera.width) != size:
         raise ValueError(
-            f"{who} is of {camera.height} x {camera.width} pixels and {images} of {height} x {width}: make "
-            "the views again from this recording, or resize the camera with `resized`"
+            f"{who} is of {camera.height} x {camera.width} pixels and {images} of {size[0]} x {size[1]}: "
+            "make or calibrate one of them again, for the size of the other"
         )
 
 
@@ -127,44 +127,30 @@ def collect_filmed_views(
     Raises:
         ValueError: a video has another size than its camera, or other instants than the recording.
     """
-    _require_size("the reference", rig.space.reference, video)
+    _require_size(rig.space.reference, _frame_size(video), "the reference", str(video))
+    spacing, since_first = float(np.median(np.diff(recording.time_s))), recording.time_s - recording.time_s[0]
     images = []
     for each in rig.others:
         assert each.video is not None, "the rig names a video for every other camera"
-        _require_size(f"camera {each.name!r}", each.camera, each.video)
+        who = f"camera {each.name!r}"
+        _require_size(each.camera, _frame_size(each.video), who, str(each.video))
         other = read(each.video)
-        _require_instants(each.name, other, recording)
+        if other.n_frames != recording.n_frames:
+            both = f"{other.n_frames} frames and the reference {recording.n_frames}"
+            raise ValueError(f"{who} has {both}; cut both to the same instants")
+        off = float(np.abs(other.time_s - other.time_s[0] - since_first).max())
+        if off > 0.5 * spacing:
+            raise ValueError(
+                f"{who} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s apart; the "
+                "cameras of a rig must be synchronous"
+            )
         images.append(np.asarray(other.frames))
     height, width = recording.height, recording.width
     cameras = tuple(each.camera.resized(height, width) for each in rig.others)
-    names, held_out = (
-        tuple(each.name for each in rig.others),
-        np.array([each.held_out for each in rig.others]),
-    )
+    names, held_out = zip(*((each.name, each.held_out) for each in rig.others), strict=True)
     space = rig.space.resized(height, width)
-    return NovelViews(np.stack(images, axis=1), None, cameras, names, held_out, space)
+    return NovelViews(np.stack(images, axis=1), None, cameras, names, np.array(held_out), space)
 
 
-def _require_size(who: str, camera: Camera, video: Path) -> None:
-    height, width = read_frame_size(find_clips(video)[0], dt_s=None)
-    if (height, width) != (camera.height, camera.width):
-        raise ValueError(
-            f"{who} was calibrated on images of {camera.width} x {camera.height} pixels and {video} has "
-            f"{width} x {height}: give the video it was calibrated for, or calibrate again"
-        )
-
-
-def _require_instants(name: str, other: Recording, recording: Recording) -> None:
-    if other.n_frames != recording.n_frames:
-        raise ValueError(
-            f"camera {name!r} has {other.n_frames} frames and the reference {recording.n_frames}; cut both "
-            "to the same instants"
-        )
-    spacing = float(np.median(np.diff(recording.time_s)))
-    since_first, reference = (times - times[0] for times in (other.time_s, recording.time_s))
-    off = float(np.abs(since_first - reference).max())
-    if off > 0.5 * spacing:
-        raise ValueError(
-            f"camera {name!r} is up to {off:.4f} s off the reference, whose frames are {spacing:.4f} s "
-            "apart; the cameras of a rig must be synchronous"
-        )
+def _frame_size(video: Path) -> tuple[int, int]:
+    return read_frame_size(find_clips(video)[0], dt_s=None)

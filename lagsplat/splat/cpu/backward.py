@@ -21,15 +21,10 @@ BEHIND, STRIDE = 5 * tiles.PITCH, 6 * tiles.PITCH
 def backward(spots, slices, color, background, state, grad, workers):
     """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
 
-    The first come as (shares, B, K, 3), the others (SLOPE, PRECISION_X, PRECISION_Y, red, green, blue) as
-    (workers, 1, K, 6), or (shares, B, K, 6) where each frame has its own slices. The caller sums over the
-    first axis. A frame is split into shares only if there are fewer frames than workers.
-
-    Args:
-        spots, slices, color, background: As in the forward kernel.
-        state: Final transmittance and finishing index (B, 2, H, W).
-        grad: Gradient of the images (B, 3, H, W).
-        workers: Number of threads.
+    ``state`` is the forward kernel's, ``grad`` the gradient of its images, ``workers`` the number of threads.
+    The first gradients come as (shares, B, K, 3), the others (SLOPE, PRECISION_X, PRECISION_Y, red, green,
+    blue) as (workers, 1, K, 6), or (shares, B, K, 6) where each frame has its own slices. The caller sums
+    over the first axis. A frame is split into shares only if there are fewer frames than workers.
     """
     batch, count = len(spots), slices.shape[1]
     height, width = grad.shape[2:]

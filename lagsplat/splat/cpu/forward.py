@@ -15,13 +15,7 @@ STRIDE = 5 * tiles.PITCH
 
 @compiled(parallel=True)
 def forward(spots, slices, color, background, height, width):
-    """Draw all frames in parallel.
-
-    Args:
-        spots: (B, 6, K), see `find_spots`.
-        slices, color: (S, K, 5) and (S, K, 3), with S = 1 or B.
-        background: (3,).
-        height, width: Size of the images [px].
+    """Draw spots (B, 6, K), see `find_spots`, of slices (S, K, 5) and colours (S, K, 3), with S = 1 or B.
 
     Returns the images (B, 3, H, W), and final transmittance and finishing index (B, 2, H, W).
     """

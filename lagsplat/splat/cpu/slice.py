@@ -11,8 +11,7 @@ exponential. `lagsplat.splat.gaussians` and `lagsplat.splat.cpu.rasterize` are t
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, UInt8
-from torch import Tensor
+from jaxtyping import Float64, UInt8
 
 from lagsplat.splat.cpu import tiles
 from lagsplat.splat.cpu.forward import forward
@@ -106,9 +105,23 @@ class FrameRasterizer:
     ) -> None:
         self.height, self.width = height, width
         x, y = stretch
-        covariance = gaussians.covariance().cpu() * torch.tensor([x * x, x * y, y * y])
-        slices = slices_of(covariance)
-        self.table = _table(gaussians, slices[:, [tiles.EXTENT_X, tiles.EXTENT_Y]], torch.tensor([x, y]))
+        scale = torch.tensor([x, y])
+        slices = slices_of(gaussians.covariance().cpu() * torch.tensor([x * x, x * y, y * y]))
+        factor, jacobian = gaussians.precision_factor().cpu(), gaussians.jacobian().cpu()
+        center, latent = gaussians.center.cpu(), gaussians.latent_center.cpu()[..., None]
+        opacity = torch.sigmoid(gaussians.opacity_logit.cpu())
+        row, column = torch.tril_indices(gaussians.d, gaussians.d)
+        parts = [
+            (center - (jacobian @ latent)[..., 0]) * scale,
+            (jacobian * scale[:, None]).flatten(1),
+            (factor @ latent)[..., 0],
+            factor[:, row, column],
+            (255.0 * opacity).log()[:, None],
+            opacity[:, None],
+            slices[:, [tiles.EXTENT_X, tiles.EXTENT_Y]],
+        ]
+        table = torch.cat(parts, 1).T.numpy()  # padded by Gaussians that are never drawn
+        self.table = np.pad(table, ((0, 0), (0, -table.shape[1] % WIDTH)), constant_values=np.nan).copy()
         self.slices = slices.numpy()
         self.color = torch.sigmoid(gaussians.color_logit.cpu()).numpy()
         self.background = gaussians.background().cpu().numpy().copy()
@@ -118,24 +131,3 @@ class FrameRasterizer:
         scene = slice_at(z.astype(np.float32), self.table, self.slices, self.color, self.height, self.width)
         images, _ = forward(*scene, self.background, self.height, self.width)
         return to_bytes(images[0])
-
-
-def _table(
-    gaussians: Gaussians, extents: Float32[Tensor, "K 2"], scale: Float32[Tensor, "2"]
-) -> Float32[np.ndarray, "rows K8"]:
-    """The table of `lagsplat.splat.cpu.slice`; the Gaussians that pad it are never drawn."""
-    factor, jacobian = gaussians.precision_factor().cpu(), gaussians.jacobian().cpu()
-    center, latent = gaussians.center.cpu(), gaussians.latent_center.cpu()[..., None]
-    opacity = torch.sigmoid(gaussians.opacity_logit.cpu())
-    row, column = torch.tril_indices(gaussians.d, gaussians.d)
-    parts = [
-        (center - (jacobian @ latent)[..., 0]) * scale,
-        (jacobian * scale[:, None]).flatten(1),
-        (factor @ latent)[..., 0],
-        factor[:, row, column],
-        (255.0 * opacity).log()[:, None],
-        opacity[:, None],
-        extents,
-    ]
-    table = torch.cat(parts, 1).T.numpy()
-    return np.pad(table, ((0, 0), (0, -table.shape[1] % WIDTH)), constant_values=np.nan).copy()

@@ -134,11 +134,10 @@ class AccelerationField:
         usable = select_moving(kinematics) & (present > PRESENT)
         if kinematics.space == 2:
             usable &= ((places >= 0.0) & (places < (kinematics.width, kinematics.height))).all(1)
-        best: dict[tuple[int, ...], int] = {}
-        for i in np.argsort(present * motion):  # the last Gaussian written to a cell wins
-            if usable[i]:
-                best[tuple((places[i] // cell).astype(int).tolist())] = int(i)
-        self.chosen = torch.tensor(sorted(best.values()), dtype=torch.long)
+        order = np.argsort(present * motion)[::-1]
+        order = order[usable[order]]
+        _, first = np.unique((places[order] // cell).astype(int), axis=0, return_index=True)
+        self.chosen = torch.from_numpy(np.sort(order[first]))
         self.kinematics, self.cell = kinematics, cell
         self.jacobian = kinematics.geometry.jacobian[self.chosen].numpy()
 

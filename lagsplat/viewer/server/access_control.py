@@ -5,6 +5,7 @@ change only the value of a control, and keeps clients from sharing the session t
 message names a file: sessions are saved in the folder that the server was started with.
 """
 
+import contextlib
 import ipaddress
 import logging
 from math import isfinite
@@ -27,13 +28,10 @@ WARNING = (
 
 def warn_of_open_host(host: str) -> str | None:
     """Return a warning if ``host`` is reachable from the network, None for loopback."""
-    if host == "localhost":
-        return None
-    try:
-        loopback_only = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback_only = False
-    return None if loopback_only else WARNING.format(host=host)
+    with contextlib.suppress(ValueError):  # a name is no address
+        if host == "localhost" or ipaddress.ip_address(host).is_loopback:
+            return None
+    return WARNING.format(host=host)
 
 
 def is_foreign_origin(headers: Any, *, loopback_only: bool) -> bool:

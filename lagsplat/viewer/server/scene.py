@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import viser
-from jaxtyping import UInt8
 
 from lagsplat.array_types import Vector
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
-from lagsplat.viewer.rendering.renderer import FrameRenderer, ImageRenderer
+from lagsplat.viewer.rendering.renderer import FrameRenderer, ImageRenderer, RgbImage
 from lagsplat.viewer.server.canvas import CameraCanvas, Canvas, ImageCanvas, add_image
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -33,19 +32,17 @@ OVERLAYS = {
 """What can be shown besides the object, with its label."""
 
 
+ReadFrame = Callable[[int], RgbImage]  # reads a recorded frame
+Residual = Callable[[Snapshot], Vector] | None  # the acceleration that a diagnosis found missing
+
+
 class SceneView:
     """The nodes of a viser scene, updated with the snapshots of a session; ``shown`` names overlays."""
 
     def __init__(
-        self,
-        server: viser.ViserServer,
-        session: Session,
-        canvas: Canvas,
-        *,
-        read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
-        residual: Callable[[Snapshot], Vector] | None = None,
+        self, session: Session, canvas: Canvas, *, read_frame: ReadFrame, residual: Residual
     ) -> None:
-        operating_point, recorded = session.operating_point, session.recorded
+        operating_point, recorded, server = session.operating_point, session.recorded, canvas.server
         self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual
         self.grasp_model, self.field = session.grasp_model, AccelerationField(operating_point)
         self.shown = dict.fromkeys(OVERLAYS, False)

@@ -6,20 +6,16 @@ import socket
 import threading
 import time
 import webbrowser
-from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
-import numpy as np
 import viser
-from jaxtyping import UInt8
 
-from lagsplat.array_types import Vector
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
 from lagsplat.viewer.server.canvas import Drag, Pointer
 from lagsplat.viewer.server.controls import ControlPanel
-from lagsplat.viewer.server.scene import SceneView, open_canvas
+from lagsplat.viewer.server.scene import ReadFrame, Residual, SceneView, open_canvas
 from lagsplat.viewer.server.session_export import export_session
 from lagsplat.viewer.simulation.history import SessionHistory
 from lagsplat.viewer.simulation.realtime_loop import RealtimeLoop
@@ -32,21 +28,12 @@ log = logging.getLogger(__name__)
 class ViewerServer:
     """Serves the live view of a session until `stop`; sessions are saved in ``folder``.
 
-    ``read_frame`` reads a recorded frame. ``residual`` is the acceleration of the state that a diagnosis
-    found missing, or None.
-
     Raises:
         OSError: no port is free from ``viewer.port`` on, or the address is not this machine's.
     """
 
     def __init__(
-        self,
-        session: Session,
-        *,
-        title: str,
-        read_frame: Callable[[int], UInt8[np.ndarray, "H W 3"]],
-        folder: Path,
-        residual: Callable[[Snapshot], Vector] | None = None,
+        self, session: Session, *, title: str, read_frame: ReadFrame, folder: Path, residual: Residual = None
     ) -> None:
         config, operating_point = session.config, session.operating_point
         if text := warn_of_open_host(config.host):
@@ -59,10 +46,8 @@ class ViewerServer:
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
         restrict_access(self.server, loopback_only=warn_of_open_host(config.host) is None)
         canvas = open_canvas(self.server, operating_point, self.renderer, window=config.window)
-        self.scene_view = SceneView(self.server, session, canvas, read_frame=read_frame, residual=residual)
-        self.loop = RealtimeLoop(
-            session, self._draw, pictures_hz=config.pictures_hz, report_error=self._refuse
-        )
+        self.scene_view = SceneView(session, canvas, read_frame=read_frame, residual=residual)
+        self.loop = RealtimeLoop(session, self._draw, self._refuse)
         actions = {"Save the session": self._save, "Replay what I did": self._replay}
         self.panel = ControlPanel(self.loop, self.scene_view, title=title, actions=actions)
         self.holder_id: int | None = None
@@ -151,9 +136,8 @@ class ViewerServer:
                 number += 1
             inputs, gain = list(session.recorded.names), session.grasp_model.gain
             meta = {"title": self.title, "inputs": inputs, "kappa": session.kappa}
-            paths = export_session(
-                stem, history, self.renderer, meta, gain=gain, small_renderer=self.small_renderer
-            )
+            small = self.small_renderer
+            paths = export_session(stem, history, self.renderer, meta, gain=gain, small_renderer=small)
         return "Saved " + ", ".join(path.name for path in paths) + f" in {self.folder}"
 
 

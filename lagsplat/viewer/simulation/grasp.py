@@ -13,6 +13,8 @@ from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.moving_parts import STILL
 
+State = tuple[Vector, Vector]  # q and its velocity [1/s]
+
 
 @dataclass(frozen=True)
 class EnergyBalance:
@@ -55,16 +57,9 @@ class EnergyBalance:
         return replace(after, edit_work=self.edit_work + (after.kinetic + after.potential - self.total))
 
     def after_step(
-        self,
-        law: FastLagrangian,
-        before: tuple[Vector, Vector],
-        after: tuple[Vector, Vector],
-        u: Float64[np.ndarray, " n_u"],
-        load: Vector,
-        *,
-        dt_s: float,
+        self, law: FastLagrangian, before: State, after: State, u: np.ndarray, load: Vector, *, dt_s: float
     ) -> "EnergyBalance":
-        """The balance one step later."""
+        """The balance one step later, under the inputs ``u`` (n_u,) and a generalised force."""
         displacement = after[0] - before[0]
         input_work = self.input_work
         if len(u):
@@ -73,13 +68,11 @@ class EnergyBalance:
                 law.conservative_force(q, u) - law.conservative_force(q, zero) for q, _ in (before, after)
             )
             input_work += float(0.5 * (start + end) @ displacement)
+        hand_work = self.hand_work + float(load @ displacement)
         power = [float(law.dissipated_power(q, v)) for q, v in (before, after)]
-        return replace(
-            self._at(law, *after),
-            hand_work=self.hand_work + float(load @ displacement),
-            input_work=input_work,
-            dissipated=self.dissipated + 0.5 * dt_s * (power[0] + power[1]),
-        )
+        dissipated = self.dissipated + 0.5 * dt_s * (power[0] + power[1])
+        now = self._at(law, *after)
+        return replace(now, hand_work=hand_work, input_work=input_work, dissipated=dissipated)
 
     def _at(self, law: FastLagrangian, q: Vector, v: Vector) -> "EnergyBalance":
         return replace(self, kinetic=float(law.kinetic(q, v)), potential=float(law.potential(q)))
@@ -153,8 +146,7 @@ class GraspModel:
         except NoMatterError:
             if gaussian is None:
                 raise
-            grasp_point = replace(
-                grasp_along_ray(self.kinematics, state, gaussian), at=torch.tensor(at, dtype=torch.float64)
-            )
+            grasp_point = grasp_along_ray(self.kinematics, state, gaussian)
+            grasp_point = replace(grasp_point, at=torch.tensor(at, dtype=torch.float64))
         is_background = float(grasp_point.jacobian.norm()) < STILL * self.largest_motion
         return Grasp(grasp_point, np.zeros(self.kinematics.space), is_background)

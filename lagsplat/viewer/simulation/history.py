@@ -49,8 +49,7 @@ class SessionHistory:
 
     def edits_at(self, row: int) -> LawEdits:
         """The edits of the law at a row."""
-        damping, inertia, stiffness = (float(x) for x in self.edits[row])
-        return LawEdits(damping=damping, inertia=inertia, stiffness=stiffness)
+        return LawEdits(*self.edits[row].tolist())
 
 
 class HistoryBuffer:

@@ -55,20 +55,15 @@ Command = Callable[[Session], Any]
 class RealtimeLoop:
     """Runs a session in two threads from `start` until `stop`; no other thread may call it meanwhile.
 
-    ``draw`` is called with snapshots in a thread of its own, at most ``pictures_hz`` times a second; those
-    that come faster are skipped. ``report_error`` is called with the reason why a command was refused.
+    ``draw`` is called with snapshots in a thread of its own, at most ``viewer.pictures_hz`` times a second;
+    those that come faster are skipped. ``report_error`` is called with the reason why a command was refused.
     """
 
     def __init__(
-        self,
-        session: Session,
-        draw: Callable[[Snapshot], None],
-        *,
-        pictures_hz: float,
-        report_error: Callable[[str], None] = log.warning,
+        self, session: Session, draw: Callable[[Snapshot], None], report_error: Callable[[str], None]
     ) -> None:
         self.session, self.draw, self.report_error = session, draw, report_error
-        self.period_s = 1.0 / pictures_hz
+        self.period_s = 1.0 / session.config.pictures_hz
         self.clock = StepClock(session.dt_s, now_s=time.perf_counter())
         self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self.stopping = threading.Event()
@@ -140,13 +135,12 @@ class RealtimeLoop:
     def _run_command(self, command: Command) -> None:
         try:
             command(self.session)
+            return
         except ValueError as error:
-            self._report(str(error))
+            refusal = str(error)
         except Exception:  # a command of one visitor must not end the session of the others
             log.exception("a command failed; the session goes on")
-            self._report("That failed inside; the session goes on. The server's log says why.")
-
-    def _report(self, refusal: str) -> None:
+            refusal = "That failed inside; the session goes on. The server's log says why."
         try:
             self.report_error(refusal)
         except Exception:  # the visitor may have left

@@ -60,20 +60,16 @@ class Session:
     """Steps a run that a user pushes and edits; starts at rest under the inputs of the operating point."""
 
     def __init__(
-        self,
-        operating_point: OperatingPoint,
-        recorded: RecordedData,
-        config: ViewerConfig,
-        forces: ForcesConfig,
+        self, point: OperatingPoint, recorded: RecordedData, config: ViewerConfig, forces: ForcesConfig
     ) -> None:
-        self.operating_point, self.recorded = operating_point, recorded
+        self.operating_point, self.recorded = point, recorded
         self.config, self.forces = config, forces
-        self.dt_s = operating_point.chart.dt_s
-        self.grasp_model = GraspModel(operating_point, forces, reach=config.reach)
-        self.coverage = measure_coverage(operating_point.chart, beyond=config.beyond)
-        self.edits, self.law = UNTOUCHED, make_fast_lagrangian(operating_point.law)
-        self.u = operating_point.u.numpy().copy()
-        self.q, self.v = operating_point.rest.numpy().copy(), np.zeros(operating_point.law.d)
+        self.dt_s = point.chart.dt_s
+        self.grasp_model = GraspModel(point, forces, reach=config.reach)
+        self.coverage = measure_coverage(point.chart, beyond=config.beyond)
+        self.edits, self.law = UNTOUCHED, make_fast_lagrangian(point.law)
+        self.u = point.u.numpy().copy()
+        self.q, self.v = point.rest.numpy().copy(), np.zeros(point.law.d)
         self.history = HistoryBuffer(dt_s=self.dt_s, rows=round(config.log_s / self.dt_s))
         self.energy = EnergyBalance.begin(self.law, self.q, self.v)
         self.status: Status = "running"

@@ -125,7 +125,7 @@ def test_films_become_views_of_the_recordings_size(tmp_path: Path) -> None:
     [
         ({"frames": 4}, "has 4 frames and the reference 5"),
         ({"rate": 20.0}, "s off the reference, whose frames are 0.0333 s apart"),
-        ({"height": 64}, "calibrated on images of 64 x 48 pixels and .*left.mp4 has 64 x 64"),
+        ({"height": 64}, "camera 'left' is of 48 x 64 pixels and .*left.mp4 of 64 x 64"),
     ],
 )
 def test_films_that_do_not_fit_their_cameras_are_refused(tmp_path: Path, changes: dict, message: str) -> None:

@@ -30,7 +30,7 @@ def test_steps_keep_real_time_while_frames_are_skipped():
         time.sleep(0.05)
 
     one = session()
-    loop = RealtimeLoop(one, show, pictures_hz=100.0, report_error=refused.append)
+    loop = RealtimeLoop(one, show, refused.append)
     loop.start()
     began, first = time.perf_counter(), one.steps
     time.sleep(1.0)
@@ -46,7 +46,7 @@ def test_steps_keep_real_time_while_frames_are_skipped():
 def test_a_command_that_fails_is_reported_and_the_session_goes_on():
     refused, heard = [], threading.Event()
     one = session()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, report_error=refused.append)
+    loop = RealtimeLoop(one, lambda snapshot: None, refused.append)
     loop.start()
     loop.submit(lambda s: s.grasp((-5.0, 0.0)))
     loop.submit(lambda s: 1 / 0)
@@ -65,7 +65,7 @@ def test_a_report_that_cannot_be_delivered_ends_nothing():
         raise UserWarning("queued on a closed connection")
 
     one, heard = session(), threading.Event()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0, report_error=gone)
+    loop = RealtimeLoop(one, lambda snapshot: None, gone)
     loop.start()
     loop.submit(lambda s: s.grasp((-5.0, 0.0)))
     loop.submit(lambda s: heard.set())
@@ -76,7 +76,7 @@ def test_a_report_that_cannot_be_delivered_ends_nothing():
 
 def test_a_step_that_fails_stops_the_session_until_it_is_reset(monkeypatch):
     one = session()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
+    loop = RealtimeLoop(one, lambda snapshot: None, print)
     monkeypatch.setattr(EnergyBalance, "after_step", lambda *booked, **more: 1 / 0)
     loop.start()
     end = time.monotonic() + 5.0
@@ -95,7 +95,7 @@ def test_a_step_that_fails_stops_the_session_until_it_is_reset(monkeypatch):
 
 def test_a_paused_session_still_executes_commands():
     one = session()
-    loop = RealtimeLoop(one, lambda snapshot: None, pictures_hz=50.0)
+    loop = RealtimeLoop(one, lambda snapshot: None, print)
     loop.start()
     loop.submit(lambda s: s.pause(True))
     time.sleep(0.2)
