@@ -9,18 +9,11 @@ from lagsplat.diagnose.core.config import MATERIALITY, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference import posterior
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.plausibility import assess_implausibility
-from lagsplat.diagnose.inference.posterior import (
-    GapMeasure,
-    Judgement,
-    combine_effects,
-    compute_motionless_misfit,
-    judge_hypotheses,
-    reject_effect,
-)
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
@@ -66,7 +59,9 @@ def diagnose(
     def fit_effects() -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
         """Fit the single effects, then the best sets of one to three."""
         ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-        sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
+        sets = posterior.combine_effects(
+            problem, ranking, candidates, budget, report_progress=report_progress
+        )
         return ranking, sets
 
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
@@ -75,11 +70,11 @@ def diagnose(
     if inflated is not None:  # no effect fits: the noise is larger than it was taken for
         problem, budget = inflated
         ranking, chain = fit_effects()
-    judgement = judge_hypotheses(
+    judgement = posterior.judge_hypotheses(
         ranking,
         chain,
-        GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
-        most=compute_motionless_misfit(problem),
+        posterior.GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
+        most=posterior.compute_motionless_misfit(problem),
         doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
     )
     best, warnings = judgement.best, _list_warnings(problem)
@@ -90,7 +85,7 @@ def diagnose(
     except ValueError as error:
         holdout, warnings = None, [f"no closure: {error}", *warnings]
     if best is not None and chosen is best and _is_immaterial(problem, ranking, holdout, best, config):
-        judgement, chosen = reject_effect(judgement), ranking.none
+        judgement, chosen = posterior.reject_effect(judgement), ranking.none
     checks = {
         "natural_period_s": problem.period_s,
         "noise": problem.sigma.tolist(),
@@ -120,7 +115,7 @@ def _measure_fits(
     problem: EstimationProblem,
     ranking: ModelRanking,
     chain: Sequence[HypothesisFit],
-    judgement: Judgement,
+    judgement: posterior.Judgement,
 ) -> dict[str, Any]:
     """Mean square residuals [noise variances] and factors on the noise, as `Diagnosis.checks` lists them.
 
@@ -180,7 +175,7 @@ def _is_immaterial(
 def _list_candidates(
     problem: EstimationProblem,
     ranking: ModelRanking,
-    judgement: Judgement,
+    judgement: posterior.Judgement,
     holdout: HoldoutForecasts | None,
 ) -> tuple[Candidate, ...]:
     fits: dict[str, tuple[HypothesisFit, PlacedEffect]] = {}

@@ -5,17 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.systems import chain
+from lagsplat.systems import chain, dynamics
 from lagsplat.systems.chain import Table
 from lagsplat.systems.config import ArmConfig
-from lagsplat.systems.dynamics import (
-    Matrix,
-    Vector,
-    VibrationModes,
-    compute_stiffness,
-    compute_vibration_modes,
-    find_stable_rest,
-)
+from lagsplat.systems.dynamics import Matrix, Vector, VibrationModes
 
 
 @dataclass(frozen=True)
@@ -67,7 +60,7 @@ class Arm:
         Raises:
             ValueError: no stable equilibrium is found, as under pressures that the springs cannot balance.
         """
-        rest = find_stable_rest(lambda q: self.static_force(q, pressure), np.zeros(self.d))
+        rest = dynamics.find_stable_rest(lambda q: self.static_force(q, pressure), np.zeros(self.d))
         if rest is None:
             raise ValueError(
                 f"no stable rest pose under pressures {pressure} atm: the springs cannot hold the arm; lower "
@@ -79,8 +72,8 @@ class Arm:
         """Free modes of the arm linearised about its rest pose without pressure."""
         still = np.zeros(self.d)
         rest = self.equilibrium(still)
-        stiffness = compute_stiffness(lambda q: self.static_force(q, still), rest)
-        return compute_vibration_modes(self.mass(rest), self.damping(), stiffness)
+        stiffness = dynamics.compute_stiffness(lambda q: self.static_force(q, still), rest)
+        return dynamics.compute_vibration_modes(self.mass(rest), self.damping(), stiffness)
 
     def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:
         total, origin = np.zeros(len(states)), np.zeros(len(states), complex)

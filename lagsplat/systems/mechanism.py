@@ -10,17 +10,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.systems import dynamics
 from lagsplat.systems.config import ReleaseConfig
-from lagsplat.systems.dynamics import (
-    Matrix,
-    Series,
-    Vector,
-    VibrationModes,
-    compute_stiffness,
-    compute_vibration_modes,
-    find_stable_rest,
-    integrate_motion,
-)
+from lagsplat.systems.dynamics import Matrix, Series, Vector, VibrationModes
 
 Poses = Float64[np.ndarray, "T n_bodies 3"]  # x [m], y [m] and angle [rad] of every body
 Push = Callable[[float, Vector], Vector]  # generalised force at a time [s] and state
@@ -158,7 +150,7 @@ def make_mechanism(config: ReleaseConfig) -> Mechanism:
 
 def find_rest_state(mechanism: Mechanism) -> Vector:
     """The stable rest state nearest to zero, where Newton's method begins."""
-    rest = find_stable_rest(mechanism.static_force, np.zeros(len(mechanism.coordinates)))
+    rest = dynamics.find_stable_rest(mechanism.static_force, np.zeros(len(mechanism.coordinates)))
     if rest is None:
         raise ValueError("the mechanism has no stable rest state near zero; check its geometry and masses")
     return rest
@@ -167,9 +159,9 @@ def find_rest_state(mechanism: Mechanism) -> Vector:
 def compute_free_modes(mechanism: Mechanism) -> VibrationModes:
     """Linear modes about the rest state."""
     rest = find_rest_state(mechanism)
-    stiffness = compute_stiffness(mechanism.static_force, rest)
+    stiffness = dynamics.compute_stiffness(mechanism.static_force, rest)
     symmetric = 0.5 * (stiffness + stiffness.T)
-    return compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), symmetric)
+    return dynamics.compute_vibration_modes(mechanism.mass(rest), mechanism.damping(), symmetric)
 
 
 def release(
@@ -182,4 +174,4 @@ def release(
         now, speed = state[:d], state[d:]
         return np.concatenate([speed, mechanism.acceleration(now, speed, push(t, now))])
 
-    return integrate_motion(rate, q, v, time_s, rtol=rtol, atol=1e-3 * rtol, max_step_s=0.02)
+    return dynamics.integrate_motion(rate, q, v, time_s, rtol=rtol, atol=1e-3 * rtol, max_step_s=0.02)

@@ -12,18 +12,10 @@ from functools import partial
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from lagsplat.systems import chain
+from lagsplat.systems import chain, dynamics
 from lagsplat.systems.arm import build_arm
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
-from lagsplat.systems.dynamics import (
-    Matrix,
-    Series,
-    Vector,
-    compute_stiffness,
-    differentiate,
-    find_stable_rest,
-    integrate_motion,
-)
+from lagsplat.systems.dynamics import Matrix, Series, Vector
 from lagsplat.systems.mechanism import Rocker, find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
 from lagsplat.systems.rendering.textures import Sprite
@@ -50,11 +42,11 @@ class Pushable:
 
     def jacobian(self, q: Vector) -> Float64[np.ndarray, "P 2 d"]:
         """Derivative of the points' places in the image [px per unit of each coordinate]."""
-        return np.moveaxis(differentiate(self.pixels, q), 0, 2)
+        return np.moveaxis(dynamics.differentiate(self.pixels, q), 0, 2)
 
     def stiffness(self, q: Vector) -> Matrix:
         """Minus the derivative of ``force``."""
-        return compute_stiffness(self.force, q)
+        return dynamics.compute_stiffness(self.force, q)
 
     def settled(self, point: int, forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
         """Equilibria under a force on one point that grows from row to row [J/px].
@@ -70,7 +62,7 @@ class Pushable:
         q = self.rest
         for i, force in enumerate(forces):
             loaded = partial(total, force=force)
-            rest = find_stable_rest(loaded, q, longest_step=0.2, tolerance=1e-8, iterations=40)
+            rest = dynamics.find_stable_rest(loaded, q, longest_step=0.2, tolerance=1e-8, iterations=40)
             if rest is None:
                 break
             q = equilibria[i] = rest
@@ -91,7 +83,7 @@ class Pushable:
             return np.concatenate([v, self.acceleration(q, v, force @ self.jacobian(q)[point])])
 
         start, still = self.rest, np.zeros(d)
-        return integrate_motion(
+        return dynamics.integrate_motion(
             rate, start, still, time_s, rtol=1e-6, atol=1e-9, max_step_s=0.05, method="RK45"
         )[0]
 
@@ -120,14 +112,12 @@ def make_pushable(
 def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
     mechanism, camera = make_mechanism(config), make_camera(config)
     masses = [mechanism.body_mass] if isinstance(mechanism, Rocker) else mechanism.masses
-    places, depths, shares, numbers = [], [], [], []
-    for number, (body, mass) in enumerate(zip(draw_bodies(config, camera), masses, strict=True)):
-        place = _list_covered(body.sprite, points)
-        places.append(place)
-        depths.append(np.full(len(place), -0.5 * body.thickness if body.layers > 1 else 0.0))
-        shares.append(np.full(len(place), mass / len(place)))
-        numbers.append(np.full(len(place), number))
-    place_m, depth, body_of = np.concatenate(places), np.concatenate(depths), np.concatenate(numbers)
+    bodies = draw_bodies(config, camera)
+    places = [_list_covered(body.sprite, points) for body in bodies]
+    counts = [len(place) for place in places]
+    depths = np.array([-0.5 * body.thickness if body.layers > 1 else 0.0 for body in bodies])
+    body_of = np.repeat(np.arange(len(bodies)), counts)
+    place_m, depth = np.concatenate(places), depths[body_of]
 
     def pixels(states: Series) -> Float64[np.ndarray, "T P 2"]:
         x, y, angle = np.moveaxis(mechanism.poses(states)[:, body_of], 2, 0)
@@ -135,14 +125,9 @@ def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
         world = np.stack([x + turned.real, y + turned.imag, np.broadcast_to(depth, x.shape)], axis=2)
         return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
 
-    return Pushable(
-        find_rest_state(mechanism),
-        mechanism.static_force,
-        mechanism.acceleration,
-        mechanism.mass,
-        pixels,
-        np.concatenate(shares),
-    )
+    force, share = mechanism.static_force, (np.array(masses) / counts)[body_of]
+    rest = find_rest_state(mechanism)
+    return Pushable(rest, force, mechanism.acceleration, mechanism.mass, pixels, share)
 
 
 def _list_covered(sprite: Sprite, points: int) -> Complex128[np.ndarray, " P"]:
@@ -182,15 +167,11 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
     def acceleration(q: Vector, v: Vector, push: Vector) -> Vector:
         return arm.acceleration(q, v, pressure) + np.linalg.solve(arm.mass(q), push)
 
-    masses = table[:, chain.MASS] + table[:, chain.LINK_MASS]
-    return Pushable(
-        arm.equilibrium(pressure),
-        lambda q: arm.static_force(q, pressure),
-        acceleration,
-        arm.mass,
-        pixels,
-        masses[segment] / (points * len(across)),
-    )
+    def force(q: Vector) -> Vector:
+        return arm.static_force(q, pressure)
+
+    share = (table[:, chain.MASS] + table[:, chain.LINK_MASS])[segment] / (points * len(across))
+    return Pushable(arm.equilibrium(pressure), force, acceleration, arm.mass, pixels, share)
 
 
 def _arcs(bend: Float64[np.ndarray, " T"], share: float) -> np.ndarray:

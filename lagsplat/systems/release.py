@@ -7,16 +7,9 @@ from jaxtyping import Float64
 
 from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
-from lagsplat.systems.config import PushConfig, ReleaseConfig
+from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.dynamics import Series, Vector, differentiate
-from lagsplat.systems.mechanism import (
-    Mechanism,
-    Push,
-    compute_free_modes,
-    find_rest_state,
-    make_mechanism,
-    release,
-)
+from lagsplat.systems.mechanism import Mechanism, compute_free_modes, find_rest_state, make_mechanism, release
 from lagsplat.systems.truth import Truth, compute_truth
 from lagsplat.systems.video import film_clips
 
@@ -64,23 +57,20 @@ def _move(mechanism: Mechanism, config: ReleaseConfig, index: int) -> tuple[Seri
     """States, velocities and external generalised forces at the frames of one clip."""
     clip = config.clips[index]
     time_s = np.arange(clip.n_frames) * config.dt_s
-    push = _pulses(mechanism, [push for push in config.pushes if push.clip == index])
+    pulses = [push for push in config.pushes if push.clip == index]
+
+    def push(time_s: float, q: Vector) -> Vector:
+        total = np.zeros(len(q))
+        for pulse in pulses:
+            share = (time_s - pulse.start_s) / (pulse.stop_s - pulse.start_s)
+            if 0 < share < 1:
+                reach = compute_jacobian(mechanism, q, pulse.body, np.array(pulse.at_m))
+                total += np.sin(np.pi * share) ** 2 * np.array(pulse.force_n) @ reach
+        return total
+
     start = np.array(clip.state), np.array(clip.velocity)
     states, velocities = release(mechanism, *start, time_s=time_s, push=push, rtol=config.rtol)
     return states, velocities, np.array([push(t, q) for t, q in zip(time_s, states, strict=True)])
-
-
-def _pulses(mechanism: Mechanism, pushes: list[PushConfig]) -> Push:
-    def force(time_s: float, q: Vector) -> Vector:
-        total = np.zeros(len(q))
-        for push in pushes:
-            share = (time_s - push.start_s) / (push.stop_s - push.start_s)
-            if 0 < share < 1:
-                reach = compute_jacobian(mechanism, q, push.body, np.array(push.at_m))
-                total += np.sin(np.pi * share) ** 2 * np.array(push.force_n) @ reach
-        return total
-
-    return force
 
 
 def compute_jacobian(

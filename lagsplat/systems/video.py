@@ -13,14 +13,7 @@ from lagsplat.io.video.read import read_video
 from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.dynamics import Series
 from lagsplat.systems.mechanism import Poses, make_mechanism
-from lagsplat.systems.rendering.painting import (
-    DrawnBody,
-    Image,
-    add_camera_noise,
-    paint_backdrop,
-    paint_bodies,
-    round_to_levels,
-)
+from lagsplat.systems.rendering import painting
 from lagsplat.systems.rendering.textures import SHAPES, photograph
 from lagsplat.video_quality.frames import FrameSettings
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
@@ -42,16 +35,18 @@ def make_camera(config: ReleaseConfig) -> Camera:
     )
 
 
-def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[Image, list[DrawnBody]]:
+def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[painting.Image, list[painting.DrawnBody]]:
     """The wall from a camera, and the bodies at its scale."""
-    wall = paint_backdrop(photograph(config.scene.background), camera, config.scene)
+    wall = painting.paint_backdrop(photograph(config.scene.background), camera, config.scene)
     return wall, draw_bodies(config, camera)
 
 
-def draw_bodies(config: ReleaseConfig, camera: Camera) -> list[DrawnBody]:
+def draw_bodies(config: ReleaseConfig, camera: Camera) -> list[painting.DrawnBody]:
     """The bodies at the scale of a camera."""
     scale = camera.focal[0] / config.scene.distance
-    return [DrawnBody(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies]
+    return [
+        painting.DrawnBody(SHAPES[b.shape](b.size_m, scale), b.thickness_m, b.layers) for b in config.bodies
+    ]
 
 
 def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recording:
@@ -64,7 +59,7 @@ def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recor
     wall, bodies = set_up_scene(config, camera)
     with tempfile.TemporaryDirectory() as folder:
         for index, clip in enumerate(poses):
-            images = (paint_bodies(wall, bodies, pose, camera) for pose in clip)
+            images = (painting.paint_bodies(wall, bodies, pose, camera) for pose in clip)
             _write_video(Path(folder) / f"{index}.{scene.container}", images, config, generator)
         recording = read_video(folder, FrameSettings(size=(config.height, config.width)))
     written = sum(len(clip) for clip in poses)
@@ -76,7 +71,7 @@ def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recor
 
 
 def _write_video(
-    path: Path, images: Iterable[Image], config: ReleaseConfig, generator: np.random.Generator
+    path: Path, images: Iterable[painting.Image], config: ReleaseConfig, generator: np.random.Generator
 ) -> None:
     """Encode images in [0, 1] with the noise of the scene's camera."""
     scene, camera = config.scene, make_camera(config)
@@ -89,7 +84,7 @@ def _write_video(
         )
     try:
         for clean in images:
-            noisy = add_camera_noise(clean, scene.noise_levels, generator)
+            noisy = painting.add_camera_noise(clean, scene.noise_levels, generator)
             writer.write(cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR))
     finally:
         writer.release()
@@ -119,6 +114,7 @@ def photograph_scene(config: ReleaseConfig, poses: Poses, camera: Camera) -> UIn
     size = (camera.width, camera.height)
     frames = []
     for pose in poses:
-        image = cv2.resize(paint_bodies(wall, bodies, pose, fine), size, interpolation=cv2.INTER_AREA)
-        frames.append(round_to_levels(255 * image))
+        image = painting.paint_bodies(wall, bodies, pose, fine)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        frames.append(painting.round_to_levels(255 * image))
     return np.stack(frames)

@@ -8,14 +8,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, NOVELTY, DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
-from lagsplat.diagnose.estimation.dataset import (
-    FileSpan,
-    WindowSet,
-    cut_windows,
-    drop_overlapping_windows,
-    locate_windows,
-    prepare_dataset,
-)
+from lagsplat.diagnose.estimation import dataset
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, drop_outlier_windows
 from lagsplat.diagnose.identification.structure_search import IdentifiedModel, identify_model
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -38,7 +31,7 @@ class EstimatedSimulator:
     """The simulator before its coefficients were recalibrated; None if they were not."""
     novelty_detector: NoveltyDetector | None = None
     """Recognises the motion it was fitted to, where other windows are to be left out."""
-    outlier_spans: tuple[FileSpan, ...] = ()
+    outlier_spans: tuple[dataset.FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
     bic: float = np.nan  # Bayesian information criterion of the model, if it was identified
 
@@ -57,16 +50,16 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         ValueError: nothing moves, or no clip is long enough for a window.
     """
     period_s = estimate_spectral_period_s(motions)
-    ready = prepare_dataset(motions, period_s=period_s)
+    ready = dataset.prepare_dataset(motions, period_s=period_s)
 
-    def identify(windows: WindowSet) -> IdentifiedModel:
+    def identify(windows: dataset.WindowSet) -> IdentifiedModel:
         return identify_model(ready, windows, config, period_s=period_s)
 
-    def fit_windows(scale: float, without: tuple[FileSpan, ...] = ()) -> EstimatedSimulator:
+    def fit_windows(scale: float, without: tuple[dataset.FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = scale * config.window_periods * period_s
         min_frames = ESTIMATED_SIMULATOR.min_window_frames
-        windows = cut_windows(ready.dataset, length_s=length_s, min_frames=min_frames)
-        kept = drop_overlapping_windows(windows, ready.dataset, without)
+        windows = dataset.cut_windows(ready.dataset, length_s=length_s, min_frames=min_frames)
+        kept = dataset.drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= NOVELTY.min_windows:
             windows = kept
         identified, outliers = drop_outlier_windows(identify(windows), identify)
@@ -76,7 +69,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
             identified.uncertainty_directions,
             identified.misfit,
             window_scale=scale,
-            outlier_spans=(*without, *locate_windows(outliers, ready.dataset)),
+            outlier_spans=(*without, *dataset.locate_windows(outliers, ready.dataset)),
             bic=identified.bic,
         )
 

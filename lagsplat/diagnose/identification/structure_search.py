@@ -25,12 +25,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     fit_multiple_shooting,
 )
 from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
-from lagsplat.diagnose.identification.weak_form import (
-    build_model,
-    build_regressors,
-    build_weak_form_samples,
-    solve_ridge,
-)
+from lagsplat.diagnose.identification import weak_form
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
@@ -228,11 +223,12 @@ def fit_first_model(
     rest, ridge = np.median(problem.dataset.q, axis=0), problem.config.identify_ridge
 
     def regress(share: float, *ridges: float) -> list[MechanicalModel]:
-        samples = build_weak_form_samples(
+        samples = weak_form.build_weak_form_samples(
             basis, problem.dataset, problem.smooth, width_s=share * test_s, speed=0.02 * problem.speed
         )
-        rows, known, names = build_regressors(samples, structure)
-        return [build_model(samples, structure, solve_ridge(rows, known, r), names, rest) for r in ridges]
+        rows, known, names = weak_form.build_regressors(samples, structure)
+        fits = [weak_form.solve_ridge(rows, known, ridge) for ridge in ridges]
+        return [weak_form.build_model(samples, structure, fit, names, rest) for fit in fits]
 
     if problem.dataset.d > MAX_FEW_COORDINATES:
         models = [

@@ -126,10 +126,9 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     d, n_u = len(at_v), len(chosen.at_u)
     dry = model.dof_frictionloss[at_v].copy()
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+    no_speed, no_input = np.zeros(d), np.zeros(n_u)
 
-    at_rest, unloaded = np.zeros(d), np.zeros(n_u)
-
-    def set_state(q: np.ndarray, v: np.ndarray = at_rest, u: np.ndarray = unloaded) -> None:
+    def set_state(q: np.ndarray, v: np.ndarray = no_speed, u: np.ndarray = no_input) -> None:
         data.qvel[:] = 0.0
         data.ctrl[:] = 0.0
         data.qpos[chosen.at_q], data.qvel[at_v], data.ctrl[chosen.at_u] = q, v, u

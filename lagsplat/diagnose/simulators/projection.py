@@ -186,7 +186,7 @@ def fit_fields(samples: FieldSamples, basis: Basis) -> MechanicalModel:
     columns = samples.share(_build_inertial_columns(phi, slopes, samples))
     wanted = samples.share(inertia[..., None])
     mass = _fit_smallest(
-        lambda k: _sum_symmetric(_solve_least_squares(columns[:, :, : k * pairs], wanted), d),
+        lambda k: sum_symmetric(_solve_least_squares(columns[:, :, : k * pairs], wanted), d),
         lambda m: samples.error(_apply_mass(phi, slopes, m, samples) - inertia),
         sizes,
     )
@@ -197,32 +197,27 @@ def fit_fields(samples: FieldSamples, basis: Basis) -> MechanicalModel:
         lambda p: samples.error(np.einsum("nki,k->ni", slopes[:, : len(p)], p) - samples.potential_gradient),
         sizes[2:],
     )
+
+    def expand(field: np.ndarray) -> np.ndarray:
+        return np.tensordot(phi[:, : len(field)], field, 1)
+
     input_map = np.zeros((0, region.n_u, d))
     if region.n_u:
         along = samples.share(np.einsum("nk,ij->nikj", phi, np.eye(d)).reshape(len(phi), d, -1))
         given = samples.share(samples.input_map.transpose(0, 2, 1))
         input_map = _fit_smallest(
             lambda k: _solve_least_squares(along[:, :, : k * d], given).reshape(k, d, -1).transpose(0, 2, 1),
-            lambda b: samples.error(
-                np.einsum("nci,nc->ni", np.tensordot(phi[:, : len(b)], b, 1) - samples.input_map, region.u)
-            ),
+            lambda b: samples.error(np.einsum("nci,nc->ni", expand(b) - samples.input_map, region.u)),
             sizes,
         )
     damping, dry, drag, width = _fit_dissipation(samples, phi, sizes)
     # the motion leaves the scale of all fields open: inertia is counted in units of its mean
     unit = float(np.trace(mass[0])) / d
     unit = unit if unit > 0.0 else float(np.mean(np.trace(samples.mass, axis1=1, axis2=2))) / d
-    return MechanicalModel(
-        basis,
-        mass / unit,
-        damping / unit,
-        potential / unit,
-        input_map / unit,
-        dry / unit,
-        drag / unit,
-        width,
-        np.median(region.q, axis=0),
-    )
+    mass, damping, potential = mass / unit, damping / unit, potential / unit
+    input_map, dry, drag = input_map / unit, dry / unit, drag / unit
+    rest = np.median(region.q, axis=0)
+    return MechanicalModel(basis, mass, damping, potential, input_map, dry, drag, width, rest)
 
 
 def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -> tuple[np.ndarray, ...]:
@@ -250,7 +245,7 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
     quadratic = rest[-d:] if has_drag else np.zeros(d)
     if best_width is None:
         best_width = PROJECTION.default_friction_width * speed
-    return _sum_symmetric(damping, d), dry, quadratic, best_width
+    return sum_symmetric(damping, d), dry, quadratic, best_width
 
 
 def _fit_smallest(
@@ -295,7 +290,7 @@ def _apply_mass(phi: np.ndarray, slopes: np.ndarray, mass: np.ndarray, samples: 
     return np.einsum("nij,nj->ni", np.tensordot(phi[:, :k], mass, 1), samples.acceleration) + coriolis
 
 
-def _sum_symmetric(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
+def sum_symmetric(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
     """Symmetric matrices, one a basis function, from the amounts of `make_symmetric_basis`."""
     pairs = make_symmetric_basis(d)
     return np.einsum("kp,pij->kij", amounts.reshape(-1, len(pairs)), pairs)

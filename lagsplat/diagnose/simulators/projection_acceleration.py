@@ -23,6 +23,7 @@ from lagsplat.diagnose.simulators.projection import (
     choose_projection,
     compute_acceleration_error,
     make_symmetric_basis,
+    sum_symmetric,
 )
 
 RIDGE = 1e-10  # penalty in standardised columns, towards unit inertia where the accelerations leave it open
@@ -92,15 +93,9 @@ def _build_terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> Accele
     mass = np.einsum("nk,pij,nj->nikp", phi, pairs, a)
     mass += np.einsum("nkj,nj,npi->nikp", slope, v, momentum) - 0.5 * np.einsum("nki,np->nikp", slope, energy)
     drive = -np.einsum("nk,nc,ij->nikcj", phi, region.u, np.eye(d))
-    return AccelerationTerms(
-        basis,
-        region,
-        a,
-        mass,
-        slope[:, 1:].transpose(0, 2, 1),
-        np.einsum("nk,npi->nikp", phi, momentum),
-        drive.reshape(n, d, basis.size, -1),
-    )
+    damping, potential = np.einsum("nk,npi->nikp", phi, momentum), slope[:, 1:].transpose(0, 2, 1)
+    input_map = drive.reshape(n, d, basis.size, -1)
+    return AccelerationTerms(basis, region, a, mass, potential, damping, input_map)
 
 
 def _fit_coefficients(
@@ -108,12 +103,10 @@ def _fit_coefficients(
 ) -> MechanicalModel:
     """The model of a structure by ridge regression, with a constant inertia of trace ``d``."""
     n, d = terms.acceleration.shape
-    pairs, n_u = make_symmetric_basis(d), terms.region.n_u
-    trace = np.einsum("pii->p", pairs)
-    first = terms.mass[:, :, 0] - trace / d * (terms.mass[:, :, 0] @ trace)[..., None]
+    trace = np.einsum("pii->p", make_symmetric_basis(d))
+    constant = terms.mass[:, :, 0] - trace / d * (terms.mass[:, :, 0] @ trace)[..., None]
     blocks = [
-        first,
-        terms.mass[:, :, 1 : structure.mass].reshape(n, d, -1),
+        np.concatenate([constant[:, :, None], terms.mass[:, :, 1 : structure.mass]], 2).reshape(n, d, -1),
         terms.damping[:, :, : structure.damping].reshape(n, d, -1),
         terms.potential[:, :, : structure.potential - 1],
         terms.input_map[:, :, : structure.input_map].reshape(n, d, -1),
@@ -128,27 +121,21 @@ def _fit_coefficients(
     tail = np.sqrt(RIDGE * len(scaled)) * np.eye(len(size))
     right = np.concatenate([weight * known, np.zeros(len(size))])
     x = np.linalg.lstsq(np.concatenate([scaled, tail]), right, rcond=None)[0] / size
-    parts = np.split(x, np.cumsum([block.shape[2] for block in blocks])[:-1])
-    amounts = np.concatenate([parts[0], parts[1]]).reshape(structure.mass, -1)
-    mass = np.einsum("kp,pij->kij", amounts, pairs)
+    ends = np.cumsum([block.shape[2] for block in blocks])
+    inertias, losses, potential, inputs, friction = np.split(x, ends[:-1])
+    mass = sum_symmetric(inertias, d)
     mass[0] += np.eye(d) * (1.0 - np.trace(mass[0]) / d)
-    friction = parts[5]
-    return MechanicalModel(
-        terms.basis,
-        mass,
-        np.einsum("kp,pij->kij", parts[2].reshape(structure.damping, -1), pairs),
-        np.concatenate([[0.0], parts[3]]),
-        parts[4].reshape(structure.input_map, n_u, d),
-        friction[:d] if structure.dry else np.zeros(d),
-        friction[-d:] if structure.drag else np.zeros(d),
-        width,
-        np.median(terms.region.q, axis=0),
-    )
+    damping, potential = sum_symmetric(losses, d), np.concatenate([[0.0], potential])
+    input_map = inputs.reshape(structure.input_map, terms.region.n_u, d)
+    dry = friction[:d] if structure.dry else np.zeros(d)
+    drag = friction[-d:] if structure.drag else np.zeros(d)
+    rest = np.median(terms.region.q, axis=0)
+    return MechanicalModel(terms.basis, mass, damping, potential, input_map, dry, drag, width, rest)
 
 
 def _search_structure(terms: AccelerationTerms) -> ProjectedModel:
     """Grow a linear model by the step with the least error of the acceleration, as long as it helps."""
-    region, settings = terms.region, PROJECTION
+    region = terms.region
     speed, driven = np.maximum(region.speed, 1e-12), region.n_u > 0
 
     def fit(structure: ModelStructure, width: float) -> _Candidate:
@@ -156,30 +143,27 @@ def _search_structure(terms: AccelerationTerms) -> ProjectedModel:
         error = compute_acceleration_error(model, region, terms.acceleration)
         return _Candidate(error, structure, width, model)
 
+    def rank(candidate: _Candidate) -> tuple[float, tuple[int, ...]]:
+        # of models with errors equal to a tenth of a decade the smaller one is taken
+        return np.log10(candidate.error + EXACT_ERROR).round(1), candidate.structure.order
+
     def grow(best: _Candidate) -> _Candidate:
-        while best.error > 0.1 * settings.tolerance:
-            steps = [
-                fit(larger, width)
-                for larger in list_larger_structures(best.structure, terms.basis, driven=driven)
-                for width in (
-                    settings.friction_widths if larger.dry and not best.structure.dry else (best.width,)
-                )
-            ]
-            # of models with errors equal to a tenth of a decade the smaller one is taken
-            step = min(
-                steps,
-                key=lambda row: (np.log10(row.error + EXACT_ERROR).round(1), row.structure.order),
-                default=best,
-            )
+        while best.error > 0.1 * PROJECTION.tolerance:
+            steps = []
+            for larger in list_larger_structures(best.structure, terms.basis, driven=driven):
+                first_dry = larger.dry and not best.structure.dry
+                widths = PROJECTION.friction_widths if first_dry else (best.width,)
+                steps += [fit(larger, width) for width in widths]
+            step = min(steps, key=rank, default=best)
             if step.error > 0.8 * best.error and not (np.isinf(best.error) and np.isfinite(step.error)):
                 break
             best = step
         return best
 
     n_input_map = 1 if driven else 0
-    sizes, width = list_field_sizes(terms.basis), settings.default_friction_width
+    sizes, width = list_field_sizes(terms.basis), PROJECTION.default_friction_width
     best = grow(fit(ModelStructure(1, 1, sizes[2], n_input_map), width))
-    if best.error > settings.tolerance:
+    if best.error > PROJECTION.tolerance:
         # a mass and a potential that balance each other help only together
         both = [fit(ModelStructure(size, 1, size, n_input_map), width) for size in sizes[2:]]
         start = min(both, key=lambda row: row.error)
