@@ -166,7 +166,7 @@ class _BlockRenderer:
         shares = compute_stage_shares(
             decoded=errors[0], smoothed=errors[1], one_step=errors[2], rollout=max(rollout**2, *errors)
         )
-        return {name: share for name, (share, _) in shares.items()}
+        return {name: max(0.0, share) for name, share in shares.items()}
 
     @property
     def strongest(self) -> tuple[LatentForceEstimate, np.ndarray]:

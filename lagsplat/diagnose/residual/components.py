@@ -1,10 +1,4 @@
-"""What the residual depends on: shares of groups of features, memory, and correlations with single signals.
-
-`compute_components` attributes the residual to the groups of `features` by how well each predicts it on
-blocks left out. `compute_residual_correlations` tests it against one signal at a time: the correlation of two
-smooth series scatters far more than that of white ones, its variance is the sum over all lags of the product
-of their autocorrelations over the number of samples (Bartlett 1935, doi:10.2307/2342284).
-"""
+"""What the residual depends on: shares of groups of features, memory, correlations with single signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,9 +41,8 @@ def compute_components(
     total = sum(shares.values())
     if total <= 0.0:
         return ResidualComponents(shares | {"unexplained": 1.0}, 0.0)
-    return ResidualComponents(
-        {name: float(share / total) for name, share in shares.items()}, float(memory_index)
-    )
+    normalized = {name: float(share / total) for name, share in shares.items()}
+    return ResidualComponents(normalized, float(memory_index))
 
 
 def compute_explained_share(
@@ -109,10 +102,11 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
     """Share of each group and of what is unexplained, for one coordinate."""
     groups = features.groups[coordinate]
     present = [name for name in FEATURE_GROUPS[:-1] if groups[name].shape[1]]
-    matrices = [groups[name] for name in (*present, "memory")]
-    ends = np.cumsum([matrix.shape[1] for matrix in matrices])
-    split = np.split(np.arange(ends[-1]), ends[:-1])
-    columns = dict(zip((*present, "memory"), split, strict=True))
+    matrices, columns, at = [], {}, 0
+    for name in (*present, "memory"):
+        matrices.append(groups[name])
+        columns[name] = np.arange(at, at + groups[name].shape[1])
+        at += groups[name].shape[1]
     fit = _FoldedRegression(features, coordinate, np.concatenate(matrices, axis=1))
 
     def value(names: Sequence[str]) -> float:
@@ -181,7 +175,10 @@ def compute_residual_correlations(
 ) -> ResidualCorrelations:
     """Correlate each coordinate's residual with inputs, their rates, its own position and velocity, and time.
 
-    ``estimates`` are the motions; ``q_names`` and ``u_names`` name their coordinates and inputs.
+    The correlation of two smooth series scatters far more than that of white ones: its variance is the sum
+    over all lags of the product of their autocorrelations over the number of samples.
+
+    Source: Bartlett (1935), doi:10.2307/2342284.
     """
     lengths = [stop - start for estimate in estimates for start, stop in estimate.motion.segments]
     u, time_s, *motion = join_signals(estimates, "u", "time_s", "q", "v", "residual")

@@ -68,52 +68,6 @@ def assess_perception(
     return PerceptionQuality(ratio, outside, suspect)
 
 
-def compute_perception_stage(
-    error_real: Float64[np.ndarray, " T"], error_nominal: Float64[np.ndarray, " N"], *, block: int
-) -> ErrorStage:
-    """Root mean squared error of images over blocks of ``block`` frames, from each frame's mean square."""
-    blocks = [np.mean(error_real[start : start + block]) for start in range(0, len(error_real), block)]
-    return _bootstrap_stage("perception", blocks, error_nominal)
-
-
-def compute_chart_stage(
-    estimates: Sequence[LatentForceEstimate], nominal: Sequence[LatentForceEstimate] | None
-) -> ErrorStage:
-    """Deviation of measured from smoothed positions by clip."""
-    floor = None if nominal is None else _compute_jitters(nominal)
-    return _bootstrap_stage("chart", _compute_jitters(estimates), floor)
-
-
-def compute_forecast_stage(
-    mechanics: Mechanics,
-    estimates: Sequence[LatentForceEstimate],
-    *,
-    horizon_s: float,
-    nominal: Sequence[LatentForceEstimate] | None = None,
-    name: str = "rollout",
-) -> ErrorStage:
-    """Error of the simulator's forecasts over ``horizon_s`` from smoothed states, one after another.
-
-    ``nominal`` are motions that the simulator should forecast well, for the floor.
-
-    Raises:
-        ValueError: no clip lasts a horizon.
-    """
-    floor = None if nominal is None else _compute_forecast_errors(mechanics, nominal, horizon_s)
-    return _bootstrap_stage(name, _compute_forecast_errors(mechanics, estimates, horizon_s), floor)
-
-
-def compute_one_step_stage(
-    mechanics: Mechanics,
-    estimates: Sequence[LatentForceEstimate],
-    *,
-    nominal: Sequence[LatentForceEstimate] | None = None,
-) -> ErrorStage:
-    """As `compute_forecast_stage`, one sample ahead and from every tenth smoothed state."""
-    horizon_s = 1.001 * max(estimate.motion.dt_s for estimate in estimates)
-    return compute_forecast_stage(mechanics, estimates, horizon_s=horizon_s, nominal=nominal, name="one step")
-
-
 def measure_error_stages(
     mechanics: Mechanics,
     estimates: Sequence[LatentForceEstimate],
@@ -123,7 +77,11 @@ def measure_error_stages(
     image_errors: tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " N"]] | None = None,
     block: int = 1,
 ) -> tuple[ErrorStage, ...]:
-    """Compute all stages; a forecast for which no clip is long enough is left out.
+    """Compute the stages "perception", "chart", "one step" and "rollout".
+
+    Perception has the images' mean squared error in blocks, and the chart the deviation of measured from
+    smoothed positions by clip. Forecasts start from smoothed states, those over one step from every tenth,
+    those over the horizon one after another; one for which no clip is long enough is left out.
 
     Args:
         mechanics, estimates: the simulator and the real motions.
@@ -132,21 +90,28 @@ def measure_error_stages(
         image_errors: mean squared errors of real and nominal frames; without, the budget starts at the chart.
         block: frames in a block of the image errors.
     """
-    stages = [] if image_errors is None else [compute_perception_stage(*image_errors, block=block)]
-    stages.append(compute_chart_stage(estimates, nominal))
+    stages = []
+    if image_errors is not None:
+        real, drawn_nominal = image_errors
+        blocks = [np.mean(real[start : start + block]) for start in range(0, len(real), block)]
+        stages.append(_bootstrap_stage("perception", blocks, drawn_nominal))
+    jitters = None if nominal is None else _compute_jitters(nominal)
+    stages.append(_bootstrap_stage("chart", _compute_jitters(estimates), jitters))
+    step_s = 1.001 * max(estimate.motion.dt_s for estimate in estimates)
     with contextlib.suppress(ValueError):
-        stages.append(compute_one_step_stage(mechanics, estimates, nominal=nominal))
-        stages.append(compute_forecast_stage(mechanics, estimates, horizon_s=horizon_s, nominal=nominal))
+        for name, length_s in (("one step", step_s), ("rollout", horizon_s)):
+            errors = _compute_forecast_errors(mechanics, estimates, length_s)
+            floor = None if nominal is None else _compute_forecast_errors(mechanics, nominal, length_s)
+            stages.append(_bootstrap_stage(name, errors, floor))
     return tuple(stages)
 
 
 def compute_stage_shares(
     *, decoded: float, smoothed: float, one_step: float, rollout: float
-) -> dict[str, tuple[float, float]]:
-    """Share of the rollout's image error that each stage adds, as pairs (at least zero, as computed).
+) -> dict[str, float]:
+    """Share of the rollout's image error that each stage adds; they sum to one.
 
-    Differences of neighbouring stages sum to one; a stage that reduces the error of the one before has a
-    negative share.
+    A stage that reduces the error of the one before has a negative share.
 
     The arguments are mean squared errors of images decoded from the encoded and from the smoothed positions,
     from the simulator's forecast by one step, and from its rollout.
@@ -156,9 +121,13 @@ def compute_stage_shares(
     """
     if not rollout > 0.0:
         raise ValueError(f"the rollout's error is {rollout}: there is nothing to divide")
-    raw = np.array([decoded, smoothed - decoded, one_step - smoothed, rollout - one_step]) / rollout
-    names = ("perception", "chart", "one step", "rollout")
-    return {name: (max(0.0, float(share)), float(share)) for name, share in zip(names, raw, strict=True)}
+    added = {
+        "perception": decoded,
+        "chart": smoothed - decoded,
+        "one step": one_step - smoothed,
+        "rollout": rollout - one_step,
+    }
+    return {name: error / rollout for name, error in added.items()}
 
 
 def forecast_positions(
@@ -187,10 +156,9 @@ def forecast_positions(
             h = time_s[:, k + 1] - time_s[:, k]
             count = max(1, int(np.ceil(h.max() / finest_s)))
             part = (h / count)[:, None]
+            change = u[:, k + 1] - u[:, k]
             for i in range(count):
-                first, middle, last = (
-                    u[:, k] + (i + share) / count * (u[:, k + 1] - u[:, k]) for share in (0.0, 0.5, 1.0)
-                )
+                first, middle, last = (u[:, k] + (i + share) / count * change for share in (0.0, 0.5, 1.0))
                 state = take_runge_kutta_step(slope, state, part, (first, middle, last))
             path.append(state[:, :d])
     return np.nan_to_num(np.stack(path, axis=1), nan=np.inf)
@@ -216,7 +184,7 @@ def _compute_forecast_errors(
         squares = np.mean((path[:, 1:] - motion.q[at[:, 1:]]) ** 2 / variance, axis=(1, 2))
         errors += np.minimum(squares, ERROR_BUDGET.max_relative_error**2).tolist()
     if not errors:
-        raise ValueError(f"no clip lasts {horizon_s:.3g} s, so nothing can be forecast that far; shorten it")
+        raise ValueError(f"no clip lasts {horizon_s:.3g} s, so nothing can be forecast that far")
     return errors
 
 

@@ -23,46 +23,12 @@ from numba import njit
 def _multiply(a, b, out):
     """Write ``a b`` to ``out``; zeros of ``a`` are skipped, because transition matrices are mostly empty."""
     rows, inner = a.shape
-    columns = b.shape[1]
+    out[:] = 0.0
     for i in range(rows):
-        for j in range(columns):
-            out[i, j] = 0.0
         for k in range(inner):
             factor = a[i, k]
             if factor != 0.0:
-                for j in range(columns):
-                    out[i, j] += factor * b[k, j]
-
-
-@njit(cache=True)
-def _multiply_transposed(a, b, out):
-    """Write ``a b^T`` to ``out``, skipping zeros of ``b``."""
-    rows = a.shape[0]
-    columns, inner = b.shape
-    for i in range(rows):
-        for j in range(columns):
-            out[i, j] = 0.0
-    for j in range(columns):
-        for k in range(inner):
-            factor = b[j, k]
-            if factor != 0.0:
-                for i in range(rows):
-                    out[i, j] += a[i, k] * factor
-
-
-@njit(cache=True)
-def _transposed_multiply(a, b, out):
-    """Write ``a^T b`` to ``out``, skipping zeros of ``a``."""
-    inner, rows = a.shape
-    columns = b.shape[1]
-    for i in range(rows):
-        for j in range(columns):
-            out[i, j] = 0.0
-    for k in range(inner):
-        for i in range(rows):
-            factor = a[k, i]
-            if factor != 0.0:
-                for j in range(columns):
+                for j in range(b.shape[1]):
                     out[i, j] += factor * b[k, j]
 
 
@@ -71,9 +37,9 @@ def _set_start(x, p, y, start, variances, rate):
     """Start a clip in place: position near the first sample, all else known only by its variance."""
     d = len(y)
     x[:] = 0.0
+    x[:d] = y
     p[:] = 0.0
     for i in range(d):
-        x[i] = y[i]
         p[i, i] = start[i]
         p[d + i, d + i] = start[d + i]
         p[2 * d + i, 2 * d + i] = variances[i]
@@ -89,8 +55,8 @@ def _observe(x, p, y, variances, innovation, inverse, gain):
     d = len(y)
     cross = p[:, :d].copy()
     s = cross[:d].copy()
+    innovation[:] = y - x[:d]
     for j in range(d):
-        innovation[j] = y[j] - x[j]
         s[j, j] += variances[d + j]
     inverse[:] = np.linalg.inv(s)
     _multiply(cross, inverse, gain)
@@ -116,15 +82,13 @@ def _advance(x, p, cross, innovation, gain, transition, offset, drive, variances
         x[i] = offset[i]
         for k in range(n):
             x[i] += transition[i, k] * updated[k]
-    _multiply_transposed(p, transition, work)
+    _multiply(transition, p.T, work.T)
     _multiply(transition, work, p)
     for i in range(d):
         for a in range(2):
             for b in range(2):
                 p[(2 + a) * d + i, (2 + b) * d + i] += drive[a, b] * variances[i]
-    for i in range(n):
-        for k in range(i):
-            p[i, k] = p[k, i] = 0.5 * (p[i, k] + p[k, i])
+    p[:] = 0.5 * (p + p.T)
 
 
 @njit(cache=True)
@@ -177,7 +141,7 @@ def _propagate_backward(r, information, transition, work):
         for k in range(n):
             pulled[k] += transition[i, k] * r[i]
     r[:] = pulled
-    _transposed_multiply(transition, information, work)
+    _multiply(transition.T, information, work)
     _multiply(work, transition, information)
 
 
@@ -193,7 +157,7 @@ def _update_backward(r, information, innovation, inverse, gain, score, work):
     shrunk = np.empty((n, d))
     middle = np.empty((d, d))
     _multiply(information, gain, shrunk)
-    _transposed_multiply(gain, shrunk, middle)
+    _multiply(gain.T, shrunk, middle)
     for i in range(d):
         u = 0.0
         for j in range(d):
@@ -210,12 +174,8 @@ def _update_backward(r, information, innovation, inverse, gain, score, work):
     for j in range(d):
         for k in range(n):
             both[j, k] = (0.5 * middle[j, k] if k < d else 0.0) - shrunk[k, j]
-    for i in range(n):
-        for k in range(n):
-            work[i, k] = information[i, k] + both[i, k] + both[k, i]
-    for i in range(n):
-        for k in range(n):
-            information[i, k] = 0.5 * (work[i, k] + work[k, i])
+    work[:] = information + both + both.T
+    information[:] = 0.5 * (work + work.T)
 
 
 @njit(cache=True)
@@ -262,9 +222,9 @@ def smooth_backward(starts, transition, drive, rate, filtered, moments):
             p = covariance[t]
             _multiply(p, information, work)
             _multiply(work, p, back)
+            smooth_covariance[t] = p - back
             for i in range(n):
                 smooth_mean[t, i] = mean[t, i]
                 for k in range(n):
                     smooth_mean[t, i] += p[i, k] * r[k]
-                    smooth_covariance[t, i, k] = p[i, k] - back[i, k]
     return smooth_mean, smooth_covariance, score

@@ -17,22 +17,14 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.core.config import LATENT_FORCE
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_frequencies_hz, compute_rest_inertia
+from lagsplat.diagnose.residual import state_space
 from lagsplat.diagnose.residual.linearization import (
     LinearSteps,
     StatePath,
     compute_kinematic_steps,
     linearize_steps,
 )
-from lagsplat.diagnose.residual.state_space import (
-    FORCE_BOUNDS,
-    ForceVariances,
-    SmoothedPath,
-    SmootherData,
-    compute_force_evidence,
-    guess_variances,
-    maximize_likelihood,
-    smooth_path,
-)
+from lagsplat.diagnose.residual.state_space import ForceVariances, SmoothedPath, SmootherData
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -51,10 +43,8 @@ class LatentForceEstimate:
     covariance: Float64[np.ndarray, "T d d"]  # of the residual
     innovation: Float64[np.ndarray, "T d"]  # measured minus smoothed position
     evidence: Float64[np.ndarray, " d"]  # nats by which each force makes the measurements more likely
-    amplitude: Float64[np.ndarray, " d"]  # standard deviation of the force over the inertia at rest
     noise: Float64[np.ndarray, " d"]  # standard deviation of the measurement noise
     length_s: float  # length scale of the force [s]
-    log_likelihood: float  # [nats]
 
     @property
     def std(self) -> np.ndarray:
@@ -116,10 +106,10 @@ def estimate_latent_force(
     """
     record = _build_record(mechanics, motions, period_s)
     inputs = _stack_inputs(motions, hold)
-    start = guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
+    start = state_space.guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
     kinematic = compute_kinematic_steps(record.h, record.d)
-    free = maximize_likelihood(record, kinematic, start)
-    path = smooth_path(record, kinematic, free)
+    free = state_space.maximize_likelihood(record, kinematic, start)
+    path = state_space.smooth_path(record, kinematic, free)
     fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
     def steps(at: SmoothedPath, *, with_force: bool) -> LinearSteps:
@@ -129,12 +119,12 @@ def estimate_latent_force(
     # The model explains most of the acceleration now, so the search starts from a small force.
     first = replace(free, values=free.values * np.repeat([LATENT_FORCE.start_force_share, 1.0], record.d))
     linear = steps(path, with_force=False)
-    best = maximize_likelihood(record, linear, first)
-    linear = steps(smooth_path(record, linear, best), with_force=True)
+    best = state_space.maximize_likelihood(record, linear, first)
+    linear = steps(state_space.smooth_path(record, linear, best), with_force=True)
     best, gained = _choose_length_scale(record, linear, best, period_s)
-    path = smooth_path(record, linear, best)
+    path = state_space.smooth_path(record, linear, best)
     for _ in range(LATENT_FORCE.max_iterations):
-        previous, path = path, smooth_path(record, steps(path, with_force=True), best)
+        previous, path = path, state_space.smooth_path(record, steps(path, with_force=True), best)
         change = np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale
         if np.max(change) < LATENT_FORCE.path_tolerance:
             break
@@ -146,14 +136,14 @@ def _choose_length_scale(
 ) -> tuple[ForceVariances, Float64[np.ndarray, " d"]]:
     """Variances at the likeliest length scale, with only forces of enough evidence, and the evidence (d,)."""
     candidates = [
-        maximize_likelihood(record, steps, replace(start, length_s=share * period_s))
+        state_space.maximize_likelihood(record, steps, replace(start, length_s=share * period_s))
         for share in LATENT_FORCE.length_scales_periods
     ]
     best = max(candidates, key=lambda candidate: candidate.log_likelihood)
-    gained = compute_force_evidence(record, steps, best)
+    gained = state_space.compute_force_evidence(record, steps, best)
     # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
     silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
-    return replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values)), gained
+    return replace(best, values=np.where(silent, state_space.FORCE_BOUNDS[0], best.values)), gained
 
 
 def _build_record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float) -> SmootherData:
@@ -206,7 +196,7 @@ def _split_by_motion(
     """Estimates of the single motions from the path of all; all their numbers are finite."""
     estimates, start = [], 0
     inertia = compute_rest_inertia(mechanics)
-    force_variance, noise_variance = np.split(path.variances.values, 2)
+    noise = np.sqrt(path.variances.values[record.d :]) * record.scale
     for motion in motions:
         part = slice(start, start + motion.n)
         start += motion.n
@@ -221,14 +211,12 @@ def _split_by_motion(
             covariance=path.covariance[part],
             innovation=motion.q - q,
             evidence=gained,
-            amplitude=np.sqrt(force_variance) * (record.scale / record.unit_s**2),
-            noise=np.sqrt(noise_variance) * record.scale,
+            noise=noise,
             length_s=path.variances.length_s,
-            log_likelihood=path.variances.log_likelihood,
         )
         if not all(np.isfinite(x).all() for x in (v, estimate.a, r, estimate.std)):
             raise np.linalg.LinAlgError(
-                "the sim's forces are not finite along the motion; check units and signs"
+                "the sim's forces along the motion are not finite; check its units and signs"
             )
         estimates.append(estimate)
     return estimates

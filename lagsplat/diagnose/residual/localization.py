@@ -1,8 +1,4 @@
-"""Where the gap between a simulator and a recording lies.
-
-`locate` says at which level, in which coordinate, when, at which frequencies, in which state and in which
-kind of term.
-"""
+"""Where the gap between a simulator and a recording lies: `locate` collects what the room finds."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -69,29 +65,27 @@ def locate(
     Raises:
         ValueError: as `estimate_latent_force`; or the simulator has no natural period and none is given.
     """
-    scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
-    period = compute_rest_period_s(mechanics, scale) if period_s is None else period_s
-    estimates = estimate_latent_force(mechanics, motions, period_s=period, hold=hold)
+    if period_s is None:
+        scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
+        period_s = compute_rest_period_s(mechanics, scale)
+    estimates = estimate_latent_force(mechanics, motions, period_s=period_s, hold=hold)
     coordinate_share = compute_coordinate_shares(estimates)
-    spectrum = compute_spectrum(estimates, period_s=period)
+    spectrum = compute_spectrum(estimates, period_s=period_s)
     lines_hz = _find_undriven_lines(spectrum, motions[0].n_u) if spectrum is not None else []
-    features = compute_features(mechanics, estimates, period_s=period, lines_hz=lines_hz)
-    events = find_events(estimates, period_s=period)
+    features = compute_features(mechanics, estimates, period_s=period_s, lines_hz=lines_hz)
+    events = find_events(estimates, period_s=period_s)
     components = _assign_brief_events(compute_components(features, coordinate_share), events, estimates)
-    regions, maps = find_state_regions(estimates, period_s=period)
+    regions, maps = find_state_regions(estimates, period_s=period_s)
     names = motions[0].q_names
-    is_perception = perception_suspect or _is_noise_of_speed(estimates, period)
-    level = (
-        "perception"
-        if is_perception
-        else _decide_level(mechanics, estimates, features, coordinate_share, components.shares)
-    )
+    noise = measure_speed_noise(estimates, period_s=period_s)
+    is_noise = noise.p < LOCALIZATION.max_speed_noise_p and noise.share > LOCALIZATION.min_speed_noise_share
+    level = "perception"
+    if not (perception_suspect or is_noise):
+        level = _decide_level(mechanics, estimates, features, coordinate_share, components.shares)
     return ResidualLocation(
         level=level,
         coordinates=dict(zip(names, coordinate_share.tolist(), strict=True)),
-        time_s=tuple(
-            (motions[event.motion].source, event.start_s, event.end_s, event.share) for event in events
-        ),
+        time_s=tuple((motions[e.motion].source, e.start_s, e.end_s, e.share) for e in events),
         frequency_hz=() if spectrum is None else spectrum.bands,
         state_region=_describe_regions(regions, names),
         components=components.shares,
@@ -157,16 +151,11 @@ def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> d
     """Regions by coordinate, in the order of ``names``, as plain values."""
     by_name: dict[str, list] = {name: [] for name in names}
     for region in regions:
-        values = {key: value for key, value in asdict(region).items() if key != "coordinate"}
+        values = asdict(region)
+        name = names[values.pop("coordinate")]
         bounds = {key: values[key] and list(values[key]) for key in ("position", "velocity")}
-        by_name[names[region.coordinate]].append(values | bounds)
+        by_name[name].append(values | bounds)
     return {name: described for name, described in by_name.items() if described}
-
-
-def _is_noise_of_speed(estimates: Sequence[LatentForceEstimate], period_s: float) -> bool:
-    """Whether measurement noise clearly grows with speed."""
-    noise = measure_speed_noise(estimates, period_s=period_s)
-    return noise.p < LOCALIZATION.max_speed_noise_p and noise.share > LOCALIZATION.min_speed_noise_share
 
 
 def _decide_level(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
 from scipy.signal.windows import dpss
 from scipy.stats import f as fisher
 from scipy.stats import false_discovery_control
@@ -19,14 +20,11 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A sinusoid in a coordinate's residual.
-
-    ``p`` is the chance of as clear a sinusoid in noise.
-    """
+    """A sinusoid in a coordinate's residual."""
 
     frequency_hz: float
     coordinate: int
-    p: float
+    p: float  # chance of as clear a sinusoid in noise
 
 
 @dataclass(frozen=True)
@@ -50,10 +48,10 @@ class ResidualSpectrum:
 
 @dataclass(frozen=True)
 class _TaperedClip:
-    """Transforms (F, K, channels) of one clip, its tapers' sums (K,) and its length [s]."""
+    """One clip under ``K`` tapers."""
 
-    transform: np.ndarray
-    sums: np.ndarray
+    transform: Complex[np.ndarray, "F K channels"]
+    sums: Float64[np.ndarray, " K"]  # of each taper
     seconds: float
 
 
@@ -67,22 +65,18 @@ def compute_spectrum(estimates: Sequence[LatentForceEstimate], *, period_s: floa
     d, n_u = estimates[0].motion.d, estimates[0].motion.n_u
     unit = compute_rms_acceleration(estimates)
     active = estimates[0].active
-    pieces = _resample_clips(estimates, unit, period_s)
-    if not pieces:
+    dt_s = max(estimate.motion.dt_s for estimate in estimates)
+    resampled = _resample_clips(estimates, unit, period_s, dt_s)
+    if not resampled:
         return None
-    dt_s = min(dt for _, dt in pieces)
-    size = 2 ** int(np.ceil(np.log2(SPECTRUM.padding * max(len(values) for values, _ in pieces))))
+    size = 2 ** int(np.ceil(np.log2(SPECTRUM.padding * max(len(values) for values in resampled))))
     frequency = np.fft.rfftfreq(size, dt_s)
     kept = (frequency > 0.0) & (frequency <= min(SPECTRUM.max_frequency_ratio / period_s, 0.4 / dt_s))
-    clips = [_taper_clip(values, dt_s, size, kept) for values, _ in pieces]
-    seconds = np.array([clip.seconds for clip in clips])
-    cross = sum(
-        clip.seconds * np.einsum("fkr,fkz->frz", clip.transform[..., :d].conj(), clip.transform)
-        for clip in clips
-    ) / (SPECTRUM.tapers * seconds.sum())
-    auto = sum(clip.seconds * np.sum(np.abs(clip.transform) ** 2, axis=1) for clip in clips) / (
-        SPECTRUM.tapers * seconds.sum()
-    )
+    clips = [_taper_clip(values, dt_s, size, kept) for values in resampled]
+    weight = SPECTRUM.tapers * np.array([clip.seconds for clip in clips]).sum()
+    weighted = [(clip.seconds, clip.transform) for clip in clips]
+    auto = sum(s * np.sum(np.abs(z) ** 2, axis=1) for s, z in weighted) / weight
+    cross = sum(s * np.einsum("fkr,fkz->frz", z[..., :d].conj(), z) for s, z in weighted) / weight
     power = np.where(active, auto[:, :d], 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.abs(cross[..., d:]) ** 2 / (auto[:, :d, None] * auto[:, None, d:])
@@ -102,22 +96,19 @@ def compute_spectrum(estimates: Sequence[LatentForceEstimate], *, period_s: floa
 
 
 def _resample_clips(
-    estimates: Sequence[LatentForceEstimate], unit: np.ndarray, period_s: float
-) -> list[tuple[Float64[np.ndarray, "N channels"], float]]:
-    """Residual, inputs and velocities of each clip that is long enough, at even steps, and the step [s]."""
-    dt_s = max(estimate.motion.dt_s for estimate in estimates)
+    estimates: Sequence[LatentForceEstimate], unit: np.ndarray, period_s: float, dt_s: float
+) -> list[Float64[np.ndarray, "N channels"]]:
+    """Residual, inputs and velocities of each clip that is long enough, at even steps of ``dt_s`` [s]."""
     clips = []
     for estimate in estimates:
         channels = np.concatenate([estimate.residual / unit, estimate.motion.u, estimate.v], axis=1)
         for start, stop in estimate.motion.segments:
             time_s = estimate.motion.time_s[start:stop]
-            if (
-                time_s[-1] - time_s[0] < SPECTRUM.min_clip_periods * period_s
-                or stop - start < 8 * SPECTRUM.tapers
-            ):
+            duration_s = time_s[-1] - time_s[0]
+            if duration_s < SPECTRUM.min_clip_periods * period_s or stop - start < 8 * SPECTRUM.tapers:
                 continue
-            even = time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
-            clips.append((CubicSpline(time_s, channels[start:stop])(np.minimum(even, time_s[-1])), dt_s))
+            even = time_s[0] + dt_s * np.arange(int(duration_s / dt_s + 1e-6) + 1)
+            clips.append(CubicSpline(time_s, channels[start:stop])(np.minimum(even, time_s[-1])))
     return clips
 
 
@@ -125,12 +116,9 @@ def _taper_clip(values: np.ndarray, dt_s: float, size: int, kept: np.ndarray) ->
     """Transform a clip under each taper, at the frequencies in ``kept``."""
     tapers = dpss(len(values), SPECTRUM.half_bandwidth, SPECTRUM.tapers)  # (K, N)
     centred = values - values.mean(axis=0)
-    transform: Complex[np.ndarray, "F K channels"] = np.fft.rfft(
-        centred[:, None, :] * tapers.T[:, :, None], size, axis=0
-    )
-    return _TaperedClip(
-        np.sqrt(dt_s) * transform[kept], np.sqrt(dt_s) * tapers.sum(axis=1), dt_s * len(values)
-    )
+    transform = np.fft.rfft(centred[:, None, :] * tapers.T[:, :, None], size, axis=0)[kept]
+    root = np.sqrt(dt_s)
+    return _TaperedClip(root * transform, root * tapers.sum(axis=1), dt_s * len(values))
 
 
 def _find_lines(
@@ -150,7 +138,8 @@ def _find_lines(
         freedom = 2 * len(clips) * (SPECTRUM.tapers - 1)
         ratio = (above / (2 * len(clips))) / np.maximum(below / freedom, np.finfo(float).tiny)
         p = fisher.sf(ratio, 2 * len(clips), freedom)
-        peaks = _find_local_maxima(ratio, apart)
+        around = maximum_filter1d(ratio, 2 * apart + 1, mode="constant", cval=-np.inf)
+        peaks = np.flatnonzero(ratio >= around)
         # The p of a peak is the smallest of some three independent ones around it.
         q = false_discovery_control(np.minimum(1.0, 3.0 * p[peaks])) if len(peaks) else []
         lines += [
@@ -159,12 +148,6 @@ def _find_lines(
             if rate < SPECTRUM.line_false_alarm_rate
         ]
     return tuple(sorted(lines, key=lambda line: line.p))
-
-
-def _find_local_maxima(values: np.ndarray, apart: int) -> np.ndarray:
-    padded = np.pad(values, apart, mode="constant", constant_values=-np.inf)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * apart + 1)
-    return np.flatnonzero(values >= windows.max(axis=1))
 
 
 def _find_bands(frequency: np.ndarray, power: np.ndarray) -> tuple[tuple[float, float, float], ...]:

@@ -8,9 +8,13 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.ndimage import label
 
-from lagsplat.diagnose.core.config import RESIDUAL_FEATURES, STATE_MAPS
-from lagsplat.diagnose.residual.change_points import compute_sample_weights
-from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, compute_relative_squares
+from lagsplat.diagnose.core.config import STATE_MAPS
+from lagsplat.diagnose.residual.change_points import compute_sample_weights, number_blocks
+from lagsplat.diagnose.residual.latent_force import (
+    LatentForceEstimate,
+    compute_relative_squares,
+    join_signals,
+)
 
 
 @dataclass(frozen=True)
@@ -57,75 +61,47 @@ def find_state_regions(
 
     Source: Maris and Oostenveld (2007), cluster-based permutation.
     """
-    block = _number_blocks(estimates, period_s)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, block.max() + 1))
+    block = number_blocks(estimates, period_s)
+    n_blocks = int(block.max()) + 1
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, n_blocks))
     weight = np.concatenate([compute_sample_weights(estimate) for estimate in estimates])
     square = np.concatenate(compute_relative_squares(estimates))
-    state = [
-        np.concatenate([getattr(estimate, name) for estimate in estimates]) for name in ("q", "v", "residual")
-    ]
+    q, v, residual = join_signals(estimates, "q", "v", "residual")
     coordinates = np.flatnonzero(estimates[0].active)
     shapes = ((STATE_MAPS.map_bins, STATE_MAPS.map_bins), (STATE_MAPS.profile_bins, 1))
     maps, regions = [], []
     for i, shape in product(coordinates, shapes):
-        q, v, r = (values[:, i] for values in state)
-        edges = _compute_edges(q, shape[0]), _compute_edges(v, shape[1])
-        at = np.ravel_multi_index([_assign_bins(q, edges[0]), _assign_bins(v, edges[1])], shape)
-        sums, visits = _sum_blocks(block, at, weight * r, int(np.prod(shape)))
-        spread = np.maximum(np.sqrt(np.sum(sums**2, axis=0)), 1e-300)
-        spread[visits < 2] = np.inf
-        time_s = np.bincount(at, weight, minlength=len(spread))
-        mean = np.divide(sums.sum(axis=0), time_s, out=np.full(len(spread), np.nan), where=visits >= 2)
-        score = sums.sum(axis=0) / spread
-        maps.append(StateMap(int(i), *edges, mean.reshape(shape), score.reshape(shape)))
-        share = np.bincount(at, weight * square[:, i], minlength=len(spread)).reshape(shape)
-        if block.max() + 1 >= STATE_MAPS.min_blocks:
-            heaviest = np.array(
-                [
-                    _find_heaviest_cluster(scores)
-                    for scores in (signs @ sums / spread).reshape(STATE_MAPS.sign_flips, *shape)
-                ]
-            )
-            regions += _select_regions(
-                maps[-1], share / share.sum(), heaviest, len(coordinates) * len(shapes)
-            )
+        position_edges, row = _assign_bins(q[:, i], shape[0])
+        velocity_edges, column = _assign_bins(v[:, i], shape[1])
+        at, bins = row * shape[1] + column, shape[0] * shape[1]
+        where = block * bins + at
+        sums = np.bincount(where, weight * residual[:, i], minlength=n_blocks * bins).reshape(n_blocks, bins)
+        visited = np.bincount(where, minlength=n_blocks * bins).reshape(n_blocks, bins) > 0
+        enough = visited.sum(axis=0) >= 2
+        spread = np.where(enough, np.maximum(np.sqrt(np.sum(sums**2, axis=0)), 1e-300), np.inf)
+        time_s = np.bincount(at, weight, minlength=bins)
+        mean = np.divide(sums.sum(axis=0), time_s, out=np.full(bins, np.nan), where=enough).reshape(shape)
+        score = (sums.sum(axis=0) / spread).reshape(shape)
+        maps.append(StateMap(int(i), position_edges, velocity_edges, mean, score))
+        share = np.bincount(at, weight * square[:, i], minlength=bins).reshape(shape)
+        if n_blocks >= STATE_MAPS.min_blocks:
+            flipped = (signs @ sums / spread).reshape(-1, *shape)
+            heaviest = np.array([_find_heaviest_cluster(scores) for scores in flipped])
+            tests = len(coordinates) * len(shapes)
+            regions += _select_regions(maps[-1], share / share.sum(), heaviest, tests)
     return sorted(regions, key=lambda region: -region.share), maps
 
 
-def _number_blocks(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
-    """Number of each sample's block; a block lies within one motion."""
-    numbers, first = [], 0
-    for estimate in estimates:
-        blocks = (
-            np.cumsum(compute_sample_weights(estimate)) / (RESIDUAL_FEATURES.block_periods * period_s)
-        ).astype(np.int64)
-        numbers.append(first + blocks)
-        first += int(blocks[-1]) + 1
-    return np.concatenate(numbers)
+def _assign_bins(
+    values: np.ndarray, count: int
+) -> tuple[Float64[np.ndarray, " edges"], Int64[np.ndarray, " n"]]:
+    """Edges of even bins and the bin of each value.
 
-
-def _compute_edges(values: np.ndarray, count: int) -> Float64[np.ndarray, " bins"]:
-    """Edges of even bins between the 1 % and 99 % quantiles, the outermost widened to hold the rest."""
-    low, high = np.quantile(values, [0.01, 0.99])
-    edges = np.linspace(low, high, count + 1)
+    The bins lie between the 1 % and 99 % quantiles; the outermost are widened to hold the rest.
+    """
+    edges = np.linspace(*np.quantile(values, [0.01, 0.99]), count + 1)
     edges[0], edges[-1] = values.min(), values.max()
-    return edges
-
-
-def _assign_bins(values: np.ndarray, edges: np.ndarray) -> Int64[np.ndarray, " n"]:
-    """Number of each value's bin."""
-    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-
-
-def _sum_blocks(
-    block: np.ndarray, at: np.ndarray, values: np.ndarray, bins: int
-) -> tuple[Float64[np.ndarray, "B bins"], Int64[np.ndarray, " bins"]]:
-    """Sums of ``values`` by block and bin, and how many blocks went through each bin."""
-    count = int(block.max()) + 1
-    where = block * bins + at
-    sums = np.bincount(where, values, minlength=count * bins).reshape(count, bins)
-    went = np.bincount(where, minlength=count * bins).reshape(count, bins) > 0
-    return sums, went.sum(axis=0)
+    return edges, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
 
 
 def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -141,9 +117,7 @@ def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
 
 def _find_heaviest_cluster(score: np.ndarray) -> float:
     """Largest summed score of any cluster, zero without one."""
-    if np.abs(score).max() <= STATE_MAPS.cluster_standard_errors:
-        return 0.0
-    return max(mass for _, mass in _find_clusters(score))
+    return max((mass for _, mass in _find_clusters(score)), default=0.0)
 
 
 def _select_regions(
@@ -153,7 +127,7 @@ def _select_regions(
 
     Args:
         state_map: the map.
-        share: share of the residual in each bin.
+        share: of the residual in each bin.
         heaviest: score of the largest cluster under each pattern of random signs.
         tests: number of maps tested, for Bonferroni's correction.
     """
@@ -162,20 +136,16 @@ def _select_regions(
         p = min(1.0, tests * (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest)))
         if p > STATE_MAPS.significance:
             continue
-        rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-        profile = len(state_map.velocity_edges) == 2
-        velocity = (
-            float(state_map.velocity_edges[columns[0]]),
-            float(state_map.velocity_edges[columns[-1] + 1]),
-        )
+        bounds = []
+        for axis, edges in ((1, state_map.position_edges), (0, state_map.velocity_edges)):
+            bins = np.flatnonzero(inside.any(axis=axis))
+            bounds.append((float(edges[bins[0]]), float(edges[bins[-1] + 1])))
+        position, velocity = bounds
         regions.append(
             StateRegion(
                 coordinate=state_map.coordinate,
-                position=(
-                    float(state_map.position_edges[rows[0]]),
-                    float(state_map.position_edges[rows[-1] + 1]),
-                ),
-                velocity=None if profile else velocity,
+                position=position,
+                velocity=None if len(state_map.velocity_edges) == 2 else velocity,
                 mean=float(np.mean(state_map.mean[inside])),
                 share=float(share[inside].sum()),
                 p=float(p),

@@ -1,8 +1,7 @@
-"""The most likely path and latent force of a mechanism, for steps that are linear.
+"""The most likely path and latent force of a mechanism whose steps are linear.
 
-Linear steps, the prior of the force and the measurement noise make a linear Gaussian state-space model
-(`kalman_kernels` defines its state). Here it is built in scaled units, its variances are fitted by largest
-marginal likelihood, and its path is smoothed.
+Linear steps, the prior of the force and the measurement noise make a linear Gaussian state-space model, in
+scaled units; `kalman_kernels` defines its state.
 """
 
 from dataclasses import dataclass, replace
@@ -15,10 +14,7 @@ from scipy.stats import median_abs_deviation
 from lagsplat.diagnose.residual.kalman_kernels import filter_forward, smooth_backward
 from lagsplat.diagnose.residual.linearization import LinearSteps
 
-FORCE_BOUNDS = (
-    1e-10,
-    1e4,
-)  # range of a force's variance, over the squared acceleration of the motion's swing
+FORCE_BOUNDS = (1e-10, 1e4)  # range of a force's variance, over the squared acceleration of the swing
 NOISE_BOUNDS = (1e-14, 1.0)  # range of the measurement noise's variance, over the motion's
 START_POSITION_VARIANCE = 1.0  # variance of position at a clip's start, over the motion's
 START_VELOCITY_VARIANCE = 25.0  # variance of velocity at a clip's start, over (motion's size / unit_s)^2
@@ -99,14 +95,9 @@ def maximize_likelihood(record: SmootherData, steps: LinearSteps, start: ForceVa
         slope = model.backward(filtered, moments=False)[2] * variances
         return -filtered[-1], -slope
 
-    optimum = minimize(
-        loss,
-        np.clip(np.log(start.values), *limits.T),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=limits,
-        options={"maxiter": MAX_OPTIMIZER_STEPS, "ftol": 1e-7, "gtol": 1e-2},
-    )
+    first = np.clip(np.log(start.values), *limits.T)
+    options = {"maxiter": MAX_OPTIMIZER_STEPS, "ftol": 1e-7, "gtol": 1e-2}
+    optimum = minimize(loss, first, jac=True, method="L-BFGS-B", bounds=limits, options=options)
     return replace(start, values=np.exp(optimum.x), log_likelihood=-float(optimum.fun))
 
 

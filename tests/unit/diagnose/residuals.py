@@ -41,10 +41,8 @@ def made(residual, seconds: float = 20.0, *, seed: int = 0, coordinates: int = 1
         covariance=np.broadcast_to(std**2 * np.eye(coordinates), (len(t), coordinates, coordinates)),
         innovation=0.01 * rng.standard_normal(q.shape),
         evidence=np.where(active, 100.0, 0.0),
-        amplitude=np.ones(coordinates),
         noise=np.full(coordinates, 0.01),
         length_s=0.2,
-        log_likelihood=0.0,
     )
 
 

@@ -6,12 +6,9 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.residual.error_budget import (
     assess_perception,
-    compute_chart_stage,
-    compute_forecast_stage,
-    compute_one_step_stage,
-    compute_perception_stage,
     compute_stage_shares,
     forecast_positions,
+    measure_error_stages,
 )
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from tests.unit.diagnose.mechanisms import Duffing, TwoLink, film
@@ -61,25 +58,26 @@ def test_a_forecast_without_bounds_ends_in_infinity_and_still_counts():
 
 
 def test_the_gap_shows_in_the_rollout_and_not_in_the_chart(nominal, real):
-    rollout = compute_forecast_stage(Duffing(), real, horizon_s=1.0, nominal=nominal)
+    chart, _, rollout = measure_error_stages(Duffing(), real, nominal, horizon_s=1.0)
     assert rollout.low <= rollout.value <= rollout.high
     assert rollout.low > 3.0 * rollout.floor
-    own = compute_forecast_stage(Duffing(), nominal, horizon_s=1.0)
+    own = measure_error_stages(Duffing(), nominal, None, horizon_s=1.0)[-1]
+    assert own.floor is None
     assert own.value == pytest.approx(rollout.floor)
-    chart = compute_chart_stage(real, nominal)
     assert chart.value == pytest.approx(chart.floor, rel=0.2)
     assert chart.value == pytest.approx(0.01, rel=0.2)
 
 
 def test_gaps_grow_with_the_horizon(real):
-    values = [compute_forecast_stage(Duffing(), real, horizon_s=h).value for h in (0.25, 0.5, 1.0)]
+    stages = [measure_error_stages(Duffing(), real, None, horizon_s=h) for h in (0.25, 0.5, 1.0)]
+    values = [rollout.value for _, _, rollout in stages]
     assert values == sorted(values)
-    assert compute_one_step_stage(Duffing(), real).value < values[0]
-    with pytest.raises(ValueError, match="nothing can be forecast"):
-        compute_forecast_stage(Duffing(), real, horizon_s=60.0)
+    assert stages[0][1].value < values[0]
+    too_far = measure_error_stages(Duffing(), real, None, horizon_s=60.0)
+    assert [stage.name for stage in too_far] == ["chart", "one step"]
 
 
-def test_pictures_are_judged_by_the_nominal_ones():
+def test_pictures_are_judged_by_the_nominal_ones(real):
     rng = np.random.default_rng(1)
     cloud, same = rng.standard_normal((2, 2000, 2))
     errors = rng.uniform(0.5, 1.5, 2000)
@@ -91,14 +89,16 @@ def test_pictures_are_judged_by_the_nominal_ones():
     assert assess_perception(3.0 * errors, errors, same, cloud).suspect
     with pytest.raises(ValueError, match="without any error"):
         assess_perception(errors, 0.0 * errors, same, cloud)
-    rung = compute_perception_stage(4.0 * errors, errors, block=100)
-    assert rung.value == pytest.approx(2.0 * rung.floor)
+    images = (4.0 * errors, errors)
+    first = measure_error_stages(Duffing(), real, None, horizon_s=1.0, image_errors=images, block=100)[0]
+    assert first.name == "perception"
+    assert first.value == pytest.approx(2.0 * first.floor)
 
 
 def test_stages_share_the_whole_error():
     shares = compute_stage_shares(decoded=1.0, smoothed=0.8, one_step=1.2, rollout=4.0)
-    assert sum(raw for _, raw in shares.values()) == pytest.approx(1.0)
-    assert shares["chart"] == (0.0, pytest.approx(-0.05))
-    assert shares["rollout"][0] == pytest.approx(0.7)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert shares["chart"] == pytest.approx(-0.05)
+    assert shares["rollout"] == pytest.approx(0.7)
     with pytest.raises(ValueError, match="nothing to divide"):
         compute_stage_shares(decoded=0.0, smoothed=0.0, one_step=0.0, rollout=0.0)
