@@ -1,12 +1,8 @@
-"""The data that a model is fitted to: trajectories joined clip by clip and cut into windows.
-
-`prepare_dataset` joins trajectories and estimates velocities, accelerations and measurement noise;
-`cut_windows` and `WindowSet` select frames; `build_input_signals` gives the inputs at every stage of a
-rollout; `sample_operating_region` draws the states and inputs at which a given simulator is evaluated.
-"""
+"""The data that a model is fitted to: trajectories joined clip by clip and cut into windows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -79,11 +75,11 @@ class WindowSet:
 
     def mask(self) -> Float64[np.ndarray, "W L"]:
         """One where a window has a frame, zero beyond its end."""
-        return (np.arange(self.longest)[None, :] < self.length[:, None]).astype(np.float64)
+        return (np.arange(self.longest) < self.length[:, None]).astype(np.float64)
 
     def take(self, values: np.ndarray) -> np.ndarray:
         """Samples (W, L, ...) of the windows; beyond a window's end its last sample is repeated."""
-        index = self.first[:, None] + np.minimum(np.arange(self.longest)[None, :], self.length[:, None] - 1)
+        index = self.first[:, None] + np.minimum(np.arange(self.longest), self.length[:, None] - 1)
         return values[index]
 
     def select(self, chosen: np.ndarray) -> "WindowSet":
@@ -117,15 +113,17 @@ def drop_overlapping_windows(windows: WindowSet, dataset: Dataset, others: Seque
 def join_trajectories(trajectories: Sequence[Trajectory], velocities: Sequence[np.ndarray]) -> Dataset:
     """One dataset of ``trajectories`` with their velocity estimates."""
     clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(trajectories)
-    for number, trajectory in enumerate(trajectories):
+    times = []
+    for number, (trajectory, shift) in enumerate(zip(trajectories, shifts, strict=True)):
+        times.append(trajectory.time_s - shift)
         for start, stop in trajectory.segments:
             clips.append((offset + start, offset + stop))
             file_of.append(number)
         offset += trajectory.n
     return Dataset(
-        time=np.concatenate([m.time_s - shift for m, shift in zip(trajectories, shifts, strict=True)]),
+        time=np.concatenate(times),
         q=np.concatenate([m.q for m in trajectories]),
-        v=np.concatenate(list(velocities)),
+        v=np.concatenate(velocities),
         u=np.concatenate([m.u for m in trajectories]),
         clips=np.array(clips, dtype=np.int64),
         files=tuple(m.source for m in trajectories),
@@ -158,11 +156,11 @@ def cut_windows(dataset: Dataset, *, length_s: float, min_frames: int) -> Window
     """
     first, length = [], []
     for start, stop in dataset.clips:
-        span = dataset.time[stop - 1] - dataset.time[start]
-        wanted = max(1, int(span / length_s + 0.5))
-        number = max(1, min(wanted, (stop - start - 1) // max(min_frames - 1, 1)))
         if stop - start < min_frames:
             continue
+        span_s = dataset.time[stop - 1] - dataset.time[start]
+        most = (stop - start - 1) // max(min_frames - 1, 1)
+        number = max(1, min(int(span_s / length_s + 0.5), most))
         borders = np.round(np.linspace(start, stop - 1, number + 1)).astype(int)
         first += borders[:-1].tolist()
         length += (np.diff(borders) + 1).tolist()
@@ -176,11 +174,15 @@ class InputSignal:
     """A single input at the start, middle and end of every substep of every frame, in the order of time."""
 
     time: Float64[np.ndarray, " M"]
-    values: Float64[np.ndarray, " M"]
     begins: Bool[np.ndarray, " M"]  # where a clip begins
     clip: np.ndarray  # number of the clip of each instant (M,)
     logged: tuple[tuple[np.ndarray, np.ndarray], ...]  # times and values of the log, clip by clip
     held: bool  # held between samples of the log (zero-order hold) instead of linear
+
+    @cached_property
+    def values(self) -> Float64[np.ndarray, " M"]:
+        """The logged input at ``time``."""
+        return self.at(self.time)
 
     def at(self, time: Float64[np.ndarray, " M"]) -> Float64[np.ndarray, " M"]:
         """The logged input at other instants [s]; outside a clip its nearest sample."""
@@ -218,8 +220,7 @@ def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[In
     inputs = []
     for column in dataset.u.T:
         logged = tuple((dataset.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in dataset.clips)
-        blank = InputSignal(flat, np.zeros(len(flat)), begins, clips, logged, held)
-        inputs.append(replace(blank, values=blank.at(flat)))
+        inputs.append(InputSignal(flat, begins, clips, logged, held))
     return tuple(inputs)
 
 
@@ -240,24 +241,19 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     `ESTIMATION.noise_window_periods` of it; velocities come from a wider cubic where the noise is stronger
     (`CUBIC_WIDTHS`).
     """
-    clips = [np.array(m.segments, dtype=np.int64) for m in trajectories]
-    levels = [
-        estimate_noise_level(m.time_s, m.q, clip, width_s=ESTIMATION.noise_window_periods * period_s)
-        for m, clip in zip(trajectories, clips, strict=True)
-    ]
+    samples = [(m.time_s, m.q, np.array(m.segments, dtype=np.int64)) for m in trajectories]
+    width_s = ESTIMATION.noise_window_periods * period_s
+    levels = [estimate_noise_level(*sample, width_s=width_s) for sample in samples]
     known = np.array([level for level in levels if np.isfinite(level).all()])
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
     sigma = np.median(known, axis=0) if len(known) else ESTIMATION.min_relative_noise * rms
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
-    width = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
-    cubics = [
-        fit_local_cubic(m.time_s, m.q, clip, width_s=width)
-        for m, clip in zip(trajectories, clips, strict=True)
-    ]
+    width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
+    smooth, slope, bend = zip(*(fit_local_cubic(*each, width_s=width_s) for each in samples), strict=True)
     return PreparedDataset(
-        join_trajectories(trajectories, [slope for _, slope, _ in cubics]),
-        np.concatenate([smooth for smooth, _, _ in cubics]),
-        np.concatenate([bend for _, _, bend in cubics]),
+        join_trajectories(trajectories, slope),
+        np.concatenate(smooth),
+        np.concatenate(bend),
         np.maximum(sigma, ESTIMATION.min_relative_noise * rms),
     )
 
@@ -302,11 +298,9 @@ def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int
         centre, reach = 0.5 * (low + high), 0.5 * (high - low)
         still = reach <= 1e-9 * np.maximum(np.abs(centre), 1e-9)
         spread = np.where(still, np.where(np.abs(centre) > 0.0, np.abs(centre), 1.0), reach)
-        near = x[mixed] + spread * np.where(still, 1.0, ESTIMATION.region_margin) * rng.uniform(
-            -1.0, 1.0, (half, x.shape[1])
-        )
+        share = np.where(still, 1.0, ESTIMATION.region_margin)
+        near = x[mixed] + spread * share * rng.uniform(-1.0, 1.0, (half, x.shape[1]))
         return np.concatenate([centre + (1.0 + ESTIMATION.region_margin) * (x[visited] - centre), near])
 
-    return OperatingRegion(
-        around(dataset.q, drawn[0]), around(dataset.v, drawn[1]), around(dataset.u, drawn[2])
-    )
+    q, v, u = (around(x, mixed) for x, mixed in zip((dataset.q, dataset.v, dataset.u), drawn, strict=True))
+    return OperatingRegion(q, v, u)

@@ -76,49 +76,31 @@ def compute_penalty(x: Float64[np.ndarray, "P k"], prior: GaussianPrior) -> Floa
 
 
 def differentiate_predictions(
-    predict: PredictionFunction, x: np.ndarray, starts: np.ndarray, data: ShootingData, step: np.ndarray
+    predict: PredictionFunction,
+    x: Float64[np.ndarray, " k"],
+    starts: Float64[np.ndarray, "W s"],
+    data: ShootingData,
+    step: Float64[np.ndarray, " k"],
+    *,
+    leading: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weighted residual (W, L, d), its prediction's derivatives by parameters (W, M, k) and starts (W, M, s).
 
-    Args:
-        predict: rollouts of many sets of parameters.
-        x: parameters (k,).
-        starts: initial states (W, s).
-        data: samples and weights.
-        step: steps of finite differences (k,).
+    With ``leading``, derivatives are by so many of the first parameters alone, and by no start.
+    ``step`` are the steps of the finite differences.
     """
-    k, s = len(x), starts.shape[1]
+    k, s = (len(x), starts.shape[1]) if leading is None else (leading, 0)
     shifted = np.repeat(x[None], 1 + k + s, axis=0)
     shifted_starts = np.repeat(starts[None], 1 + k + s, axis=0)
-    shifted[1 + np.arange(k), np.arange(k)] += step
+    shifted[1 + np.arange(k), np.arange(k)] += step[:k]
     for i in range(s):
         shifted_starts[1 + k + i, :, i] += data.start_step[i]
     y = predict(shifted, shifted_starts)
-    slopes = _quotients(y, np.concatenate([step, data.start_step]), data)
+    slopes = np.empty((k + s, len(starts), data.y[0].size))
+    for i, size in enumerate([*step[:k], *data.start_step[:s]]):
+        slopes[i] = ((y[1 + i] - y[0]) / size * data.weight).reshape(slopes[i].shape)
+    slopes = slopes.transpose(1, 2, 0)
     return (data.y - y[0]) * data.weight, slopes[..., :k], slopes[..., k:]
-
-
-def differentiate_leading_parameters(
-    predict: PredictionFunction,
-    x: np.ndarray,
-    starts: np.ndarray,
-    data: ShootingData,
-    step: np.ndarray,
-    n: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residual (W, L, d), and derivatives (W, M, n) by the first parameters alone."""
-    if n == 0:
-        residual = (data.y - predict(x[None], starts[None])[0]) * data.weight
-        return residual, np.zeros((len(starts), residual[0].size, 0))
-    shifted = np.repeat(x[None], 1 + n, axis=0)
-    shifted[1 + np.arange(n), np.arange(n)] += step[:n]
-    y = predict(shifted, np.repeat(starts[None], 1 + n, axis=0))
-    return (data.y - y[0]) * data.weight, _quotients(y, step[:n], data)
-
-
-def _quotients(y: np.ndarray, step: np.ndarray, data: ShootingData) -> np.ndarray:
-    slopes = (y[1:] - y[0]) / step[:, None, None, None] * data.weight
-    return slopes.reshape(len(step), y.shape[1], -1).transpose(1, 2, 0)
 
 
 def eliminate_starts(
@@ -126,11 +108,8 @@ def eliminate_starts(
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
     """Normal equations of the parameters after elimination of the initial states (Schur complement).
 
-    Args:
-        residual: weighted residual (W, L, d).
-        slopes: derivatives by the parameters (W, M, k).
-        start_slopes: derivatives by the initial states (W, M, s).
-        damping: added to the curvature by the initial states, as a share of its diagonal.
+    The first arguments are what `differentiate_predictions` returns; ``damping`` is added to the curvature by
+    the initial states, as a share of its diagonal.
 
     Returns:
         Curvature (k, k) and gradient (k,) of the parameters, the log determinant of the curvature by the
@@ -149,13 +128,8 @@ def eliminate_starts(
     all_slopes, all_cross = (x.transpose(2, 0, 1).reshape(k, len(x) * x.shape[1]) for x in (slopes, cross))
     curvature = all_slopes @ all_slopes.T - all_cross @ solved[..., :-1].reshape(all_cross.shape[1], k)
     gradient = all_slopes @ flat.reshape(-1) - all_cross @ solved[..., -1].reshape(-1)
-    return (
-        curvature,
-        gradient,
-        float(np.linalg.slogdet(curvature_starts)[1].sum()),
-        solved[..., :-1],
-        solved[..., -1],
-    )
+    log_det = float(np.linalg.slogdet(curvature_starts)[1].sum())
+    return curvature, gradient, log_det, solved[..., :-1], solved[..., -1]
 
 
 def fit_multiple_shooting(
@@ -173,11 +147,8 @@ def fit_multiple_shooting(
     """Fit parameters and initial states; stops when a step gains less than ``tolerance`` of the cost.
 
     Args:
-        predict: rollouts of many sets of parameters.
-        x: parameters to begin with (k,).
-        starts: initial states to begin with (W, 2 d).
-        data: samples and weights.
-        prior: prior of the parameters.
+        predict, data, prior: the rollouts, the samples, and the prior of the parameters.
+        x, starts: parameters and initial states to begin with.
         iterations: steps at most.
         tolerance: relative gain of a step below which the fit has converged.
         known: derivatives by the last parameters and by the starts, from a fit nearby. Those by the first
@@ -185,53 +156,47 @@ def fit_multiple_shooting(
             `ESTIMATION.max_stale_steps`.
         exact: exact derivatives in the place of finite differences.
     """
+    n_leading = len(x) if known is None else len(x) - known[0].shape[2]
 
-    def linear(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return (
-            exact(x, starts, data)
-            if exact
-            else differentiate_predictions(predict, x, starts, data, prior.step)
-        )
+    def linearize(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if exact:
+            return exact(x, starts, data)
+        return differentiate_predictions(predict, x, starts, data, prior.step)
 
-    n_leading = 0 if known is None else len(x) - known[0].shape[2]
-    damping = (
-        1e-3  # a share of the curvature; it falls fivefold after a success, rises eightfold after a failure
-    )
-    inverse = 1.0 / prior.deviation**2
-    done, age = 0, 0
+    def update(x: np.ndarray, starts: np.ndarray, trailing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        arguments = (predict, x, starts, data, prior.step)
+        residual, leading, _ = differentiate_predictions(*arguments, leading=n_leading)
+        return residual, np.concatenate([leading, trailing], axis=2)
+
+    damping = 1e-3  # a share of the curvature: a fifth after a success, eightfold after a failure
+    age = 0 if known is None else 1  # steps since all derivatives were computed
     if known is None:
-        residual, slopes, start_slopes = linear(x, starts)
+        residual, slopes, start_slopes = linearize(x, starts)
     else:
-        residual, leading = differentiate_leading_parameters(predict, x, starts, data, prior.step, n_leading)
-        slopes, start_slopes = np.concatenate([leading, known[0]], axis=2), known[1]
-        age = 1
+        (residual, slopes), start_slopes = update(x, starts, known[0]), known[1]
     misfit, penalty = float(np.sum(residual**2)), float(compute_penalty(x[None], prior)[0])
     cost = misfit + penalty
+    done = 0
     while done < iterations:
         done += 1
-        step = _step(
-            predict, x, starts, data, prior, (residual, slopes, start_slopes), cost, damping, inverse
-        )
+        step = _step(predict, x, starts, data, prior, (residual, slopes, start_slopes), cost, damping)
         if step is None and age == 0:
             break
         gain = 0.0
         if step is not None:
             x, starts, misfit, penalty, damping = step
             gain, cost = cost - misfit - penalty, misfit + penalty
-        if gain >= tolerance * cost + 1e-9 and known is not None and age < ESTIMATION.max_stale_steps:
-            residual, leading = differentiate_leading_parameters(
-                predict, x, starts, data, prior.step, n_leading
-            )
-            slopes = np.concatenate([leading, slopes[..., n_leading:]], axis=2)
+        converged = gain < tolerance * cost + 1e-9
+        if not converged and known is not None and age < ESTIMATION.max_stale_steps:
+            residual, slopes = update(x, starts, slopes[..., n_leading:])
             age += 1
             continue
-        fresh = age == 0
-        residual, slopes, start_slopes = linear(x, starts)
-        age = 0
-        if gain < tolerance * cost + 1e-9 and fresh:
+        residual, slopes, start_slopes = linearize(x, starts)
+        fresh, age = age == 0, 0
+        if converged and fresh:
             break
     if age:
-        residual, slopes, start_slopes = linear(x, starts)
+        residual, slopes, start_slopes = linearize(x, starts)
     curvature, _, log_det, _, _ = eliminate_starts(residual, slopes, start_slopes)
     return ShootingFit(x, starts, residual, misfit, penalty, curvature, log_det, done, slopes, start_slopes)
 
@@ -245,12 +210,12 @@ def _step(
     linear: tuple[np.ndarray, np.ndarray, np.ndarray],
     cost: float,
     damping: float,
-    inverse: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:
     """A step that lowers the cost, with its misfit, its penalty and the next damping.
 
     None if `ESTIMATION.max_attempts` dampings, each stronger than the last, fail.
     """
+    inverse = 1.0 / prior.deviation**2
     for _ in range(ESTIMATION.max_attempts):
         curvature, gradient, _, start_slope, start_move = eliminate_starts(*linear, damping)
         h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))

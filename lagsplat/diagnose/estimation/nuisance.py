@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.effects.base import CoefficientBatch
 from lagsplat.diagnose.mechanics.basis import POWER
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, split_coefficients
 
 
 @dataclass(frozen=True)
@@ -44,28 +44,15 @@ class NuisanceParameters:
     @property
     def deviation(self) -> Float64[np.ndarray, " n"]:
         """Standard deviations of all nuisance parameters."""
-        return np.concatenate(
-            [
-                [self.potential, self.damping],
-                np.full(self.n_u, self.inputs),
-                self.offset,
-                np.full(self.d, self.warp),
-                np.ones(len(self.directions)),
-            ]
-        )
+        inputs, warp = np.full(self.n_u, self.inputs), np.full(self.d, self.warp)
+        directions = np.ones(len(self.directions))
+        return np.concatenate([[self.potential, self.damping], inputs, self.offset, warp, directions])
 
     def freeze(self) -> "NuisanceParameters":
         """The same with all deviations close to zero, so that nothing is left uncertain."""
         tiny = 1e-6  # not zero, because fits divide by the deviations
-        return replace(
-            self,
-            potential=tiny * self.potential,
-            damping=tiny * self.damping,
-            inputs=tiny * self.inputs,
-            offset=tiny * self.offset,
-            warp=tiny * self.warp,
-            directions=tiny * self.directions,
-        )
+        scaled = self.scale_mechanics(tiny)
+        return replace(scaled, warp=tiny * self.warp, directions=tiny * self.directions)
 
     def scale_mechanics(self, factor: float) -> "NuisanceParameters":
         """The same with the mechanism's parameters ``factor`` times as uncertain, the measurement not."""
@@ -90,54 +77,30 @@ class NuisanceParameters:
 
     def change_coefficients(self, model: MechanicalModel, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
         """The model's coefficients under nuisance parameters ``x``."""
-        n, n_u, d = len(x), self.n_u, self.d
-        fields = repeat_coefficients(model, n)
-        tail = x[:, 2 + n_u + 2 * d :]
-        if tail.shape[1]:
-            fields = add_to_coefficients(fields, tail @ self.directions)
-        potential = fields.potential * (1.0 + x[:, :1])
-        lines = find_linear_terms(model)
-        potential[:, lines] -= x[:, 2 + n_u : 2 + n_u + d] * np.diag(model.inertia) * model.basis.scale
-        damping = fields.damping.copy()
-        damping[:, 0] += x[:, 1, None, None] * model.inertia
-        gains = 1.0 + x[:, 2 : 2 + n_u]
-        return replace(
-            fields,
-            potential=potential,
-            damping=damping,
-            input_map=fields.input_map * gains[:, None, :, None],
-        )
+        potential, damping, inputs, offset, _, directions = self._split(x)
+        fields = {name: np.repeat(getattr(model, name)[None], len(x), axis=0) for name in COEFFICIENT_FIELDS}
+        if directions.shape[1]:
+            moves = split_coefficients(directions @ self.directions, model)
+            fields = {name: value + moves[name] for name, value in fields.items()}
+        order, kind = model.basis.order, model.basis.kind
+        is_linear = (kind == POWER) & (order.sum(axis=1) == 1)
+        # The terms of the scaled coordinates themselves, in the order of the coordinates.
+        linear = [int(np.flatnonzero(is_linear & (order[:, i] == 1))[0]) for i in range(model.d)]
+        fields["potential"] = fields["potential"] * (1.0 + potential)
+        fields["potential"][:, linear] -= offset * np.diag(model.inertia) * model.basis.scale
+        fields["damping"][:, 0] += damping[:, :, None] * model.inertia
+        fields["input_map"] = fields["input_map"] * (1.0 + inputs)[:, None, :, None]
+        return CoefficientBatch(**fields)
 
     def observe(self, y: np.ndarray, x: np.ndarray, model: MechanicalModel) -> np.ndarray:
         """The measurement of coordinates ``y`` (P, W, L, d) under nuisance parameters ``x`` (P, n)."""
-        warp = x[:, 2 + self.n_u + self.d : 2 + self.n_u + 2 * self.d]
+        warp = self._split(x)[4]
         if not warp.any():
             return y
         # a diverged rollout is clipped, so that its square stays finite
         away = np.clip((y - model.rest) / model.basis.scale, -10.0, 10.0)
         return y + warp[:, None, None, :] * away**2 * model.basis.scale
 
-
-def find_linear_terms(model: MechanicalModel) -> np.ndarray:
-    """Positions (d,) in the basis of the monomials that are the scaled coordinates themselves."""
-    order, kind = model.basis.order, model.basis.kind
-    first = (kind == POWER) & (order.sum(axis=1) == 1)
-    return np.array([int(np.flatnonzero(first & (order[:, i] == 1))[0]) for i in range(model.d)])
-
-
-def repeat_coefficients(model: MechanicalModel, n: int) -> CoefficientBatch:
-    """The model's coefficients as a batch of ``n`` equal sets."""
-    return CoefficientBatch(
-        **{name: np.repeat(getattr(model, name)[None], n, axis=0) for name in COEFFICIENT_FIELDS}
-    )
-
-
-def add_to_coefficients(fields: CoefficientBatch, moves: Float64[np.ndarray, "P K"]) -> CoefficientBatch:
-    """The coefficients with rows added that are ordered as `flatten_coefficients`."""
-    values, at = {}, 0
-    for name in COEFFICIENT_FIELDS:
-        value = getattr(fields, name)
-        size = value[0].size
-        values[name] = value + moves[:, at : at + size].reshape(value.shape)
-        at += size
-    return CoefficientBatch(**values)
+    def _split(self, x: Float64[np.ndarray, "P n"]) -> list[np.ndarray]:
+        """Columns of ``x`` by the field that they are parameters of."""
+        return np.split(x, np.cumsum([1, 1, self.n_u, self.d, self.d]), axis=1)

@@ -1,9 +1,4 @@
-"""Rollouts of a model over the windows of a dataset, from parameters to what would be measured.
-
-`RolloutModel` rolls out a hypothesis: the simulator, its nuisance parameters and any effects.
-`ParameterSensitivity` rolls out a model whose coefficients move along given directions,
-with exact derivatives.
-"""
+"""Rollouts of a model over the windows of a dataset, from parameters to what would be measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +9,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import (
     CoefficientBatch,
+    Direction,
     ForceEffect,
     InputEffect,
     ModelEffect,
@@ -29,11 +25,13 @@ from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_bat
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
 FORCE_SLOTS = 3  # forces that act at once; the kernel is compiled for so many, or so many for each coordinate
+Placed = Sequence[tuple[PlacedEffect, np.ndarray]]
+"""Effects, each with its parameters (P, k) in the units of the recording."""
 
 
 @dataclass(frozen=True)
 class RolloutModel:
-    """What all hypotheses about a dataset share: the model, its uncertainties and the inputs."""
+    """Rolls out hypotheses about a dataset: the model, its nuisance parameters and any effects."""
 
     model: MechanicalModel
     dataset: Dataset
@@ -56,12 +54,10 @@ class RolloutModel:
     @cached_property
     def logged(self) -> Float64[np.ndarray, "1 N S 3 n_u"]:
         """The logged inputs at every stage of a rollout, as the kernel takes them."""
-        n_u = self.dataset.u.shape[1]
-        if n_u == 0:
-            return np.zeros((1, *self.stages, 0))
-        return np.ascontiguousarray(
-            np.stack([s.values.reshape(self.stages) for s in self.inputs], axis=-1)[None]
-        )
+        logged = np.empty((1, *self.stages, len(self.inputs)))
+        for channel, signal in enumerate(self.inputs):
+            logged[0, ..., channel] = signal.values.reshape(self.stages)
+        return logged
 
     @cached_property
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
@@ -83,33 +79,27 @@ class RolloutModel:
             starts: initial states of the windows.
             windows: frames to roll out.
         """
-        parts, at = [], 0
-        effects = [part for effect in effects for part in effect.parts or (effect,)]
-        for effect in effects:
-            size = len(effect.effect.parameters)
-            parts.append(effect.to_physical(x[:, at : at + size]))
+        placed, at = [], 0
+        for part in (part for effect in effects for part in effect.parts or (effect,)):
+            size = len(part.effect.parameters)
+            placed.append((part, part.to_physical(x[:, at : at + size])))
             at += size
         nuisance = x[:, at:]
-        states = self._states(effects, parts, nuisance, starts, windows)
+        states = self._states(placed, nuisance, starts, windows)
         y, v = states[..., : self.dataset.d], states[..., self.dataset.d :]
         y = self.nuisance.observe(y, nuisance, self.model)
         t = windows.take(self.dataset.time)
-        for effect, theta in zip(effects, parts, strict=True):
+        for effect, theta in placed:
             if isinstance(effect.effect, ObservationEffect):
                 y = effect.effect.observe(y, v, t, theta, effect)
         return y, v
 
     def _states(
-        self,
-        effects: Sequence[PlacedEffect],
-        parts: Sequence[np.ndarray],
-        nuisance: np.ndarray,
-        starts: np.ndarray,
-        windows: WindowSet,
+        self, placed: Placed, nuisance: np.ndarray, starts: np.ndarray, windows: WindowSet
     ) -> np.ndarray:
-        fields = self._fields(effects, parts, nuisance)
-        u, u_of = self._inputs(effects, parts, len(nuisance))
-        laws, along, inertia, theta, memory = self._laws(effects, parts, len(nuisance), windows)
+        fields = self._fields(placed, nuisance)
+        u, u_of = self._inputs(placed, len(nuisance))
+        laws, along, inertia, theta, memory = self._laws(placed, len(nuisance), windows)
         basis, model = self.model.basis, self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
@@ -132,24 +122,21 @@ class RolloutModel:
         )
         return out
 
-    def _fields(
-        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], nuisance: np.ndarray
-    ) -> CoefficientBatch:
+    def _fields(self, placed: Placed, nuisance: np.ndarray) -> CoefficientBatch:
         fields = self.nuisance.change_coefficients(self.model, nuisance)
-        for effect, theta in zip(effects, parts, strict=True):
+        for effect, theta in placed:
             if isinstance(effect.effect, ModelEffect):
                 fields = effect.effect.change(fields, theta, effect, self.model)
             elif isinstance(effect.effect, ForceEffect) and effect.direction is None:
                 fields = effect.effect.whole(fields, theta, self.model)
         return fields
 
-    def _inputs(
-        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        changes = [(e, t) for e, t in zip(effects, parts, strict=True) if isinstance(e.effect, InputEffect)]
+    def _inputs(self, placed: Placed, n_sets: int) -> tuple[np.ndarray, np.ndarray]:
+        """Distinct inputs, as `logged`, and the number of those of each set of parameters."""
+        changes = [(effect, theta) for effect, theta in placed if isinstance(effect.effect, InputEffect)]
         if not changes:
             return self.logged, np.zeros(n_sets, dtype=np.int64)
-        theta = np.concatenate([t for _, t in changes], axis=1)
+        theta = np.concatenate([theta for _, theta in changes], axis=1)
         # Most sets of a finite difference have the same input parameters; each distinct signal is made once.
         distinct, u_of = np.unique(theta, axis=0, return_inverse=True)
         u = np.repeat(self.logged, len(distinct), axis=0)
@@ -164,46 +151,41 @@ class RolloutModel:
         return u, u_of.reshape(-1).astype(np.int64)
 
     def _laws(
-        self, effects: Sequence[PlacedEffect], parts: Sequence[np.ndarray], n_sets: int, windows: WindowSet
+        self, placed: Placed, n_sets: int, windows: WindowSet
     ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Laws, directions, inertias, parameters and memories of all slots, as the kernel takes them."""
         forces = [
-            (e, t)
-            for e, t in zip(effects, parts, strict=True)
-            if isinstance(e.effect, ForceEffect) and e.direction is not None
+            (effect, place.direction, place, theta)
+            for place, theta in placed
+            if isinstance(effect := place.effect, ForceEffect) and place.direction is not None
         ]
         d = self.model.d
         # few sizes, because a kernel is compiled for each
         n = FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
         laws, along, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros(n)
-        tables, size = [], 1
-        n_memory = max([e.effect.n_memory for e, _ in forces], default=0)  # type: ignore[attr-defined]
+        tables = []
+        n_memory = max([effect.n_memory for effect, *_ in forces], default=0)
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
-        for slot, (placed, theta) in enumerate(forces):
-            effect, direction = placed.effect, placed.direction
-            assert isinstance(effect, ForceEffect)
-            assert direction is not None
+        for slot, (effect, direction, place, theta) in enumerate(forces):
             laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
-            fixed = np.array(effect.constants(placed.scales, placed.variant))
+            fixed = np.array(effect.constants(place.scales, place.variant))
             law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
             tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
-            size = max(size, tables[-1].shape[1])
             if effect.n_memory:
-                memory[:, :, slot, : effect.n_memory] = self._memory(placed, tables[-1], initial, windows)
-        table = np.zeros((n_sets, n, size))
+                begin = self._memory(effect, direction, tables[-1], initial)
+                memory[:, :, slot, : effect.n_memory] = begin[:, windows.first]
+        table = np.zeros((n_sets, n, max([1, *(values.shape[1] for values in tables)])))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
         return tuple(laws), along, inertia, table, memory
 
     def _memory(
-        self, placed: PlacedEffect, theta: np.ndarray, initial: np.ndarray, windows: WindowSet
-    ) -> np.ndarray:
-        """Memory (P, W, Z) where the windows begin, integrated along the recorded motion.
+        self, effect: ForceEffect, direction: Direction, theta: np.ndarray, initial: np.ndarray
+    ) -> Float64[np.ndarray, "P N Z"]:
+        """Memory at every frame, integrated along the recorded motion.
 
         ``theta`` (P, n) are the law's parameters, ``initial`` the memory's free values where clips begin.
         """
-        effect, direction = placed.effect, placed.direction
-        assert isinstance(effect, ForceEffect)
-        assert direction is not None
         p, dataset = direction.covector, self.dataset
         spring, drive = self.forces
         s, v = (self.smooth - self.model.rest) @ p, dataset.v @ p
@@ -218,7 +200,7 @@ class RolloutModel:
         motion = np.stack([s, v, spring @ p / direction.inertia, drive @ p / direction.inertia], axis=1)
         law_theta = np.ascontiguousarray(law_theta)
         integrate_memory(effect.law, law_theta, dataset.time, motion, dataset.clips, begin, out)
-        return out[which.reshape(-1)][:, windows.first]
+        return out[which.reshape(-1)]
 
 
 def move_functions_last(coefficients: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The structure of a model: how many basis functions each field uses, and which coefficients are free."""
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -140,10 +141,10 @@ def list_free_directions(model: MechanicalModel, structure: ModelStructure, spee
 
 
 def split_coefficients(values: np.ndarray, model: MechanicalModel) -> dict[str, np.ndarray]:
-    """A row (K,) of one value for each coefficient, by field, shaped as the fields of ``model``."""
-    fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
-    parts = np.split(values, np.cumsum([field.size for field in fields])[:-1])
-    shaped = [part.reshape(field.shape) for part, field in zip(parts, fields, strict=True)]
+    """Rows (..., K) of one value for each coefficient, by field, shaped (..., *field) as those of ``model``."""
+    shapes = [getattr(model, name).shape for name in COEFFICIENT_FIELDS]
+    parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=-1)
+    shaped = [part.reshape(*values.shape[:-1], *shape) for part, shape in zip(parts, shapes, strict=True)]
     return dict(zip(COEFFICIENT_FIELDS, shaped, strict=True))
 
 

@@ -7,7 +7,6 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
     compute_penalty,
-    differentiate_leading_parameters,
     differentiate_predictions,
     eliminate_starts,
     fit_multiple_shooting,
@@ -107,9 +106,10 @@ def test_slopes_are_those_of_central_differences() -> None:
             0
         ] / 2e-4
         assert begun[..., i] == pytest.approx((central * data.weight)[..., 0], abs=1e-3)
-    first = differentiate_leading_parameters(swings, truth, starts, data, step, 1)
+    first = differentiate_predictions(swings, truth, starts, data, step, leading=1)
     assert np.array_equal(first[0], residual)
     assert first[1][..., 0] == pytest.approx(slopes[..., 0], rel=1e-9)
+    assert (first[1].shape[2], first[2].shape[2]) == (1, 0)
 
 
 def test_a_bound_holds_and_a_belief_pulls() -> None:
