@@ -141,7 +141,7 @@ def list_free_directions(model: MechanicalModel, structure: ModelStructure, spee
 
 
 def split_coefficients(values: np.ndarray, model: MechanicalModel) -> dict[str, np.ndarray]:
-    """Rows (..., K) of one value for each coefficient, by field, shaped (..., *field) as those of ``model``."""
+    """Rows (..., K) of one value for each coefficient, by field, shaped (..., *field) as in ``model``."""
     shapes = [getattr(model, name).shape for name in COEFFICIENT_FIELDS]
     parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=-1)
     shaped = [part.reshape(*values.shape[:-1], *shape) for part, shape in zip(parts, shapes, strict=True)]
