@@ -99,7 +99,8 @@ def _assign_bins(
 
     The bins lie between the 1 % and 99 % quantiles; the outermost are widened to hold the rest.
     """
-    edges = np.linspace(*np.quantile(values, [0.01, 0.99]), count + 1)
+    low, high = np.quantile(values, [0.01, 0.99])
+    edges = np.linspace(low, high, count + 1)
     edges[0], edges[-1] = values.min(), values.max()
     return edges, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
 
