@@ -20,7 +20,7 @@ from lagsplat.baselines.networks import AttentionDecoder, compute_centre_jacobia
 from lagsplat.chart.trajectory import read_time_base
 from lagsplat.chart.visibility import measure_visibility
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import read_recorded_inputs, score
+from lagsplat.evaluate.evaluate import make_picture_reader, score
 from lagsplat.evaluate.protocol import STENCILS, EvaluationSubject, HeldOut, Pictures, Velocities
 from lagsplat.io.recording.recording import Recording
 
@@ -66,7 +66,7 @@ def make_baseline_subject(
             f"the recording has frames of {shape[0]} x {shape[1]} and {shape[2]} inputs, the baseline takes "
             f"{of.height} x {of.width} and {of.n_inputs}; check that its weights are of this system"
         )
-    pictures = read_recorded_inputs(recording, first=recording.split()[0].n_frames)
+    pictures = make_picture_reader(recording, first=recording.split()[0].n_frames)
     held = read_held_out(baseline, recording, pictures, config)
     asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
 
@@ -94,7 +94,7 @@ def read_held_out(
     clock = read_time_base(recording.time_s, recording.segments)
     latents = encode(baseline, pictures, np.arange(part.n_frames))
     seen = np.random.default_rng(config.seed).choice(first, min(SEEN, first), replace=False)
-    z = encode(baseline, read_recorded_inputs(recording, first=0), np.sort(seen))
+    z = encode(baseline, make_picture_reader(recording, first=0), np.sort(seen))
     visible = measure_visibility(lambda q: baseline.decode(q.float()), z, step=STEP)
     fed = stack_delays(recording.inputs, samples=samples, segments=recording.segments)
     return HeldOut(
@@ -116,11 +116,9 @@ def read_held_out(
 @torch.no_grad()
 def encode(baseline: Baseline, pictures: Pictures, frames: np.ndarray) -> np.ndarray:
     """Encoded means (N, d) of the frames with these numbers."""
-    rows = [
-        baseline.encoder(torch.from_numpy(pictures(part)))[0].double().numpy()
-        for part in np.array_split(frames, max(1, len(frames) // CHUNK))
-    ]
-    return np.concatenate(rows)
+    parts = np.array_split(frames, max(1, len(frames) // CHUNK))
+    means = [baseline.encoder(torch.from_numpy(pictures(part)))[0] for part in parts]
+    return torch.cat(means).double().numpy()
 
 
 def estimate_velocities(

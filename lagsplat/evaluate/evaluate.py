@@ -80,7 +80,7 @@ def make_run_subject(
         dynamics=describe_dynamics(lagrangian),
         external_force=describe_external_force(autoencoder),
         held=select_held_out(chart, config),
-        pictures=read_recorded_inputs(recording, first=chart.n_train),
+        pictures=make_picture_reader(recording, first=chart.n_train),
         render=lambda q: decode_latents(autoencoder, chart.to_raw(q)),
         integrate=make_integrator(lagrangian),
     )
@@ -123,7 +123,7 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
         )
 
 
-def read_recorded_inputs(recording: Recording, *, first: int) -> Pictures:
+def make_picture_reader(recording: Recording, *, first: int) -> Pictures:
     """A function that returns recorded images in [0, 1]; frame 0 is frame ``first`` of the recording."""
 
     def pictures(frames: np.ndarray) -> np.ndarray:

@@ -123,12 +123,7 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     windows = forecast_windows(subject, starts, states, config)
     stayed = ~windows.gone[:, -1]
     image = windows.error.mean(axis=1)
-    floor = np.array(
-        [
-            image_errors(subject.render(held.latents[part]), subject.pictures(part)).mean()
-            for part in starts[:, None] + np.arange(states)
-        ]
-    )
+    floor = np.array([_floor_errors(subject, start + np.arange(states)).mean() for start in starts])
     encoded, scale = cut_windows(held.encoded, starts, states), state_spread(held)
     error = state_errors(held, windows.states, windows.gone, encoded).mean(axis=1)
     hold = squared_norm(encoded[:, :1] - encoded, held.metric).mean(axis=1)
@@ -224,9 +219,7 @@ def measure_autoencoder_floor(subject: EvaluationSubject, *, most: int) -> dict[
     spaced = np.linspace(held.skip, held.n_frames - 1, min(most, held.n_frames - held.skip))
     frames = np.unique(spaced.round().astype(np.int64))
     parts = np.array_split(frames, max(1, len(frames) // 64))
-    errors = np.concatenate(
-        [image_errors(subject.render(held.latents[part]), subject.pictures(part)) for part in parts]
-    )
+    errors = np.concatenate([_floor_errors(subject, part) for part in parts])
     return {
         "value": float(errors.mean()),
         "spread": float(errors.std()),
@@ -234,6 +227,10 @@ def measure_autoencoder_floor(subject: EvaluationSubject, *, most: int) -> dict[
         "p95": float(np.percentile(errors, 95)),
         "frames": len(frames),
     }
+
+
+def _floor_errors(subject: EvaluationSubject, frames: np.ndarray) -> np.ndarray:
+    return image_errors(subject.render(subject.held.latents[frames]), subject.pictures(frames))
 
 
 def image_errors(rendered: np.ndarray, recorded: np.ndarray) -> np.ndarray:

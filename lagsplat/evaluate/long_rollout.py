@@ -12,7 +12,7 @@ from skimage.transform import resize
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import make_integrator, read_recorded_inputs
+from lagsplat.evaluate.evaluate import make_integrator, make_picture_reader
 from lagsplat.evaluate.forecast import image_errors, state_errors, state_spread
 from lagsplat.evaluate.free_motion import compare_frequency, cut_free_windows, measure_natural_period
 from lagsplat.evaluate.protocol import HeldOut, list_series, pin_diverged, roll_out, select_held_out
@@ -194,7 +194,7 @@ def _render_last(
     size = {"height": round(scale * height), "width": round(scale * width)}
     fine = np.moveaxis(np.clip(decode_latents(decoder, chart.to_raw(ends), **size), 0.0, 1.0), 1, 3)
     renders = decode_latents(decoder, chart.to_raw(ends))
-    recorded = read_recorded_inputs(recording, first=0)(np.array([frame]))
+    recorded = make_picture_reader(recording, first=0)(np.array([frame]))
     error = np.abs(np.clip(renders[0], 0.0, 1.0) - recorded[0]).mean(axis=0)
     floor_mse, predicted_mse = (float(image_errors(render[None], recorded)[0]) for render in renders)
     return LastImages(

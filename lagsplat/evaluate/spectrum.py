@@ -44,19 +44,21 @@ def find_spectral_peak(
 
     Source: paper, Metrics, the windowed spectral estimator.
     """
-    visible_mode = np.linalg.eigh(metric)[1][:, -1]
+    visible_mode = np.linalg.eigh(metric)[1][:, [-1]]
+
+    def visible_peak(part: np.ndarray) -> float | None:
+        power = np.abs(_transform(part @ visible_mode)[:, 0]) ** 2
+        return find_peak_frequency(power, len(part) * dt_s, min_cycles)
+
     length = round(SUB_LENGTH * len(series))
     offsets = np.linspace(0, len(series) - length, SUB_WINDOWS).round().astype(int)
-    inner = [
-        find_peak_frequency(_visible_power(series[o : o + length], visible_mode), length * dt_s, min_cycles)
-        for o in offsets
-    ]
-    found = [value for value in inner if value is not None]
-    span_s = len(series) * dt_s
+    inner = [peak for o in offsets if (peak := visible_peak(series[o : o + length])) is not None]
+    spectrum = _transform(series)
+    weighted = np.einsum("fi,ij,fj->f", spectrum.conj(), metric, spectrum).real
     return Peak(
-        visible_hz=find_peak_frequency(_visible_power(series, visible_mode), span_s, min_cycles),
-        weighted_hz=find_peak_frequency(_weighted_power(series, metric), span_s, min_cycles),
-        uncertainty_hz=float(np.std(found, ddof=1)) if len(found) >= 3 else None,
+        visible_hz=visible_peak(series),
+        weighted_hz=find_peak_frequency(weighted, len(series) * dt_s, min_cycles),
+        uncertainty_hz=float(np.std(inner, ddof=1)) if len(inner) >= 3 else None,
     )
 
 
@@ -85,15 +87,6 @@ def find_peak_frequency(power: Float64[np.ndarray, " F"], span_s: float, min_cyc
 def _transform(series: np.ndarray) -> np.ndarray:
     window = np.hanning(len(series))[:, None]
     return np.fft.rfft((series - series.mean(axis=0)) * window, axis=0)
-
-
-def _weighted_power(series: np.ndarray, metric: np.ndarray) -> np.ndarray:
-    spectrum = _transform(series)
-    return np.einsum("fi,ij,fj->f", spectrum.conj(), metric, spectrum).real
-
-
-def _visible_power(series: np.ndarray, mode: np.ndarray) -> np.ndarray:
-    return np.abs(_transform(series @ mode[:, None])[:, 0]) ** 2
 
 
 def resample_evenly(series: Float64[np.ndarray, "N d"], clock: TimeBase, *, start: int) -> np.ndarray:

@@ -92,10 +92,9 @@ def _visible(modes: Sequence[Mode]) -> list[Mode]:
 
 def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mode | None]:
     """The mode nearest to each frequency in octaves; no mode is matched twice."""
-    apart = np.array(
-        [[abs(np.log(mode["frequency_hz"] / frequency)) for mode in modes] for frequency in frequencies_hz]
-    ).reshape(len(frequencies_hz), len(modes))
-    rows, columns = linear_sum_assignment(apart)
+    learned = np.array([mode["frequency_hz"] for mode in modes])
+    wanted = np.array(frequencies_hz)[:, None]
+    rows, columns = linear_sum_assignment(np.abs(np.log(learned / wanted)))
     places = dict(zip(rows.tolist(), columns.tolist(), strict=True))
     return [modes[places[i]] if i in places else None for i in range(len(frequencies_hz))]
 
@@ -121,16 +120,12 @@ def _equilibrium_rows(truth: Truth, chart: Chart, lagrangian: Lagrangian) -> lis
     missed = np.sqrt(np.mean((to_states(smooth[unseen]) - truth.states[unseen]) ** 2, axis=0))
     latent = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
     learned = to_states(latent[None])[0]
-    return [
-        {
-            **_row(f"equilibrium, {name}", float(value), float(rest)),
-            "error": float(abs(value - rest) / rms),
-            "residual": float(residual / rms),
-        }
-        for name, value, rest, rms, residual in zip(
-            truth.coordinates, learned, truth.rest, motion, missed, strict=True
-        )
-    ]
+    errors, residuals = np.abs(learned - truth.rest) / motion, missed / motion
+    rows = []
+    for i, name in enumerate(truth.coordinates):
+        row = _row(f"equilibrium, {name}", float(learned[i]), float(truth.rest[i]))
+        rows.append(row | {"error": float(errors[i]), "residual": float(residuals[i])})
+    return rows
 
 
 def _row(

@@ -59,12 +59,13 @@ def extrapolate_forecaster(scene: Scene, forecaster: Forecaster) -> dict[str, An
     instants = np.arange(clip.n_train, dtype=np.float64)
     train = fit_path(forecaster, instants)
     fitted = draw_path(forecaster, train, instants)
-    path = continue_path(
-        forecaster, round(config.horizon_s / clip.dt_s) + int(np.ceil(config.shift_frames)) + 1
-    )
-    predictor = make_image_predictor(
-        scene, fitted, lambda ahead: draw_path(forecaster, path, ahead), between_frames=True
-    )
+    last = round(config.horizon_s / clip.dt_s) + int(np.ceil(config.shift_frames)) + 1
+    path = continue_path(forecaster, last)
+
+    def show(ahead: np.ndarray) -> np.ndarray:
+        return draw_path(forecaster, path, ahead)
+
+    predictor = make_image_predictor(scene, fitted, show, between_frames=True)
     in_time = fit_path(forecaster, clip.n_train - 1 + clip.ahead)
     shown = draw_path(forecaster, in_time, np.arange(len(clip.ahead), dtype=np.float64))
     recorded = scene.pictures(np.arange(clip.start, clip.boundary))

@@ -83,10 +83,8 @@ def compare_oscillations(
         side = "encoded" if encoded is None else "predicted"
         return dict.fromkeys(names) | {"reason": f"the {side} motion shows no oscillation"}
     result: dict[str, Any] = {"reason": ""}
-    for name, value, sigma in (
-        ("frequency_error", "frequency_hz", "frequency_sigma"),
-        ("rate_error", "rate_per_s", "rate_sigma"),
-    ):
+    for quantity, value in (("frequency", "frequency_hz"), ("rate", "rate_per_s")):
+        name, sigma = f"{quantity}_error", f"{quantity}_sigma"
         if not encoded[value] > 0.0:
             result |= {name: None, f"{name}_sigma": None, "reason": "the encoded motion does not decay"}
             continue

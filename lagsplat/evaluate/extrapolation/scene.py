@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from lagsplat.chart.chart import Chart
 from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.config import ExtrapolationConfig
-from lagsplat.evaluate.evaluate import read_recorded_inputs, require_same_run
+from lagsplat.evaluate.evaluate import make_picture_reader, require_same_run
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.evaluate.modes import fit_modes, root_of_metric
 from lagsplat.evaluate.protocol import Pictures, choose_evenly
@@ -201,7 +201,7 @@ def open_scene(
         ValueError: recording, chart and autoencoder do not belong together, or as `choose_boundary_clip`.
     """
     require_same_run(autoencoder, chart, recording)
-    pictures, clip = read_recorded_inputs(recording, first=0), choose_boundary_clip(chart)
+    pictures, clip = make_picture_reader(recording, first=0), choose_boundary_clip(chart)
     states, chosen = chart.train.latents, choose_evenly(chart.n_train, MOST)
     errors = [
         image_errors(decode_latents(autoencoder, chart.to_raw(states[part])), pictures(part)).max()

@@ -66,12 +66,8 @@ def simulate_known_forces(
     kept = (ease > ALONG * ease.max(1, keepdims=True)) & (ease.max(1, keepdims=True) > MOVED * ease.max())
     point, chosen = np.nonzero(kept)
     size = np.array(config.levels) / ease[point, chosen][:, None]
-    states = np.stack(
-        [
-            system.settled(int(p), s[:, None] * directions[e])
-            for p, e, s in zip(point, chosen, size, strict=True)
-        ]
-    )
+    pokes = zip(point.tolist(), size[:, :, None] * directions[chosen][:, None], strict=True)
+    states = np.stack([system.settled(p, forces) for p, forces in pokes])
     places = system.pixels(system.rest[None])[0]
     shape = (*states.shape[:2], *places.shape)
     ways = system.pixels(states.reshape(-1, states.shape[2])).reshape(shape) - places

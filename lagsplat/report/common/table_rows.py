@@ -139,6 +139,11 @@ def format_score(row: Mapping[Any, Any], name: str, *, scale: float = 1.0) -> st
     return format_latex_number(*(rescale(row.get(key), scale) for key in keys))
 
 
+def format_scores(row: Mapping[Any, Any], scales: Mapping[str, float]) -> list[str]:
+    """Format the cells of several scores; ``scales`` gives the factor of each to the unit of the table."""
+    return [format_score(row, name, scale=scale) for name, scale in scales.items()]
+
+
 def format_diverged(row: Mapping[Any, Any]) -> str:
     """Format how many of the rollouts diverged; a dash for the paper's rows, which do not say."""
     return "--" if pd.isna(row["diverged"]) else f"{row['diverged']}/{row['rollouts']}"

@@ -18,7 +18,10 @@ BENCHMARK_COLUMNS = (
     *("robot", "method", "dynamics", "d", *MEASURED, "margin", "margin_low", "margin_high", "external_force"),
     *("diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
 )
-BENCHMARK_SCALES = {"ae_floor": 1e5, "mse_half_second": 1e3, "mse_ahead": 1e3, "frequency_error": 1e2}
+BENCHMARK_SCALES = {
+    **{"ae_floor": 1e5, "mse_half_second": 1e3, "mse_ahead": 1e3, "frequency_error": 1e2},
+    **{"latent_nrmse": 1.0, "image_ratio": 1.0, "margin": 1e3},
+}
 MARGIN_COLUMNS = (
     *("robot", "dynamics", "baseline", "score", "value", "low", "high", "relative", "decided", "windows"),
     *("recording", "profile", "n_seeds"),
@@ -107,8 +110,7 @@ def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
             escape_latex(str(row["method"])),
             escape_latex(str(row["dynamics"])),
             str(row["d"]),
-            *(table_rows.format_score(row, name, scale=BENCHMARK_SCALES.get(name, 1.0)) for name in MEASURED),
-            table_rows.format_score(row, "margin", scale=BENCHMARK_SCALES[MARGIN_SCORE]),
+            *table_rows.format_scores(row, BENCHMARK_SCALES),
             escape_latex(str(row["external_force"])),
             table_rows.format_diverged(row),
             "--" if steps is None or pd.isna(steps) else f"{int(steps)}",

@@ -24,7 +24,35 @@ def build_gap_rows(
     runs: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Build one row a diagnosis: the wildcards of its run, with ``real`` beside them, and its results."""
-    return [_build_row(run, diagnosis) for run, diagnosis in zip(runs, diagnoses, strict=True)]
+    rows = []
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        gap, checks = diagnosis["gap"] or {}, diagnosis.get("checks") or {}
+        # Of an effect its own interval; of no effect that of the refit alone.
+        closure, diverged = gap.get("closure") or {}, gap.get("diverged") or {}
+        image = checks.get("image") or {}
+        probabilities = {candidate["name"]: candidate["probability"] for candidate in diagnosis["effects"]}
+        main = [*diagnosis["combination"], diagnosis["verdict"]][0]
+        held_out = run["real"] == HELD_OUT
+        row = {
+            "system": run["system"],
+            "against": "held-out part" if held_out else "second recording",
+            "planted": None if held_out else run["real"],
+            "verdict": diagnosis["verdict"],
+            "found": "+".join(diagnosis["combination"]),
+            "probability": probabilities.get(main),
+            "level": (diagnosis["where"] or {}).get("level"),
+            **{key: gap.get(key) for key in ("before", "after", "floor", "horizon_s", "refit", "blocks")},
+            "closure": closure.get("value"),
+            "closure_low": closure.get("low"),
+            "closure_high": closure.get("high"),
+            **{f"diverged_{key}": diverged.get(key) for key in ("before", "after")},
+            **{f"image_{key}": image.get(key) for key in ("before", "after", "floor")},
+            "conditional_on_perception": checks.get("conditional_on_perception"),
+            "recording": run["recording"],
+            "profile": run["profile"],
+        }
+        rows.append(row)
+    return rows
 
 
 def build_gap_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
@@ -81,34 +109,6 @@ def _format_row(row: Mapping[str, Any]) -> list[str]:
         diverged if row["blocks"] else "--",
         escape_latex(row["recording"]),
     ]
-
-
-def _build_row(run: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    gap, checks = diagnosis["gap"] or {}, diagnosis.get("checks") or {}
-    # Of an effect its own interval; of no effect that of the refit alone.
-    closure, diverged = gap.get("closure") or {}, gap.get("diverged") or {}
-    image = checks.get("image") or {}
-    probabilities = {candidate["name"]: candidate["probability"] for candidate in diagnosis["effects"]}
-    main = [*diagnosis["combination"], diagnosis["verdict"]][0]
-    held_out = run["real"] == HELD_OUT
-    return {
-        "system": run["system"],
-        "against": "held-out part" if held_out else "second recording",
-        "planted": None if held_out else run["real"],
-        "verdict": diagnosis["verdict"],
-        "found": "+".join(diagnosis["combination"]),
-        "probability": probabilities.get(main),
-        "level": (diagnosis["where"] or {}).get("level"),
-        **{key: gap.get(key) for key in ("before", "after", "floor", "horizon_s", "refit", "blocks")},
-        "closure": closure.get("value"),
-        "closure_low": closure.get("low"),
-        "closure_high": closure.get("high"),
-        **{f"diverged_{key}": diverged.get(key) for key in ("before", "after")},
-        **{f"image_{key}": image.get(key) for key in ("before", "after", "floor")},
-        "conditional_on_perception": checks.get("conditional_on_perception"),
-        "recording": run["recording"],
-        "profile": run["profile"],
-    }
 
 
 def _name_effect(name: str) -> str:

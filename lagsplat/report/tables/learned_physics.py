@@ -30,11 +30,10 @@ MASS_COLUMNS = (
     *("robot", "mass", "d", *MASS_SCORES, "margin", "margin_low", "margin_high", *INERTIA_MEASURES),
     *("ae_floor", "diverged", "recording", "profile", "n_seeds"),
 )
-MASS_SCALES = {"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2, "latent_nrmse": 1.0} | {
-    "state_dependence": 1e2,
-    "span": 1.0,
+MASS_SCALES = {
+    **{"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2, "latent_nrmse": 1.0},
+    **{"state_dependence": 1e2, "span": 1.0},
 }
-"""The printed columns between the name and the condition, and the factors to their units."""
 # Half-second error and frequency error of the two-segment arm; of the constant mass the first alone.
 PAPER_MASSES = {
     LEARNED_MASS: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
@@ -157,7 +156,7 @@ def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str,
         median, largest = (format_latex_number(row[name]) for name in ("condition_median", "condition_max"))
         return format_cells(
             escape_latex(str(row["mass"])),
-            *(table_rows.format_score(row, name, scale=scale) for name, scale in MASS_SCALES.items()),
+            *table_rows.format_scores(row, MASS_SCALES),
             "--" if median == "--" else f"{median} ({largest})",
             escape_latex(str(row["recording"])),
         )
@@ -214,9 +213,7 @@ def format_physical_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[
         for index, row in enumerate(block.to_dict("records")):
             dynamics = rf"\quad {escape_latex(_name_dynamics(row))}"
             name = dynamics if index else escape_latex(titles.get(str(system), str(system)))
-            scores = (
-                table_rows.format_score(row, score, scale=scale) for score, scale in PHYSICAL_SCALES.items()
-            )
+            scores = table_rows.format_scores(row, PHYSICAL_SCALES)
             diverged, recording = table_rows.format_diverged(row), escape_latex(str(row["recording"]))
             body.append(format_cells(name, str(row["d"]), *scores, diverged, recording))
     recordings = join_distinct(row["recording"] for row in rows).capitalize()

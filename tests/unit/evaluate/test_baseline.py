@@ -15,7 +15,7 @@ from lagsplat.evaluate.baseline import (
     pull_back_force,
     read_held_out,
 )
-from lagsplat.evaluate.evaluate import evaluate, read_recorded_inputs
+from lagsplat.evaluate.evaluate import evaluate, make_picture_reader
 from lagsplat.evaluate.protocol import initial_states
 from tests.unit.baselines.problems import architecture
 from tests.unit.baselines.problems import settings as baseline_settings
@@ -87,7 +87,7 @@ def test_the_score_of_the_states_ahead_leaves_out_the_given_one(metrics):
 
 def test_states_are_the_encoders_and_so_are_velocities(film):
     baseline, protocol = untrained("osc_abcd", film), settings(velocity="forward")
-    pictures = read_recorded_inputs(film, first=film.n_train)
+    pictures = make_picture_reader(film, first=film.n_train)
     held = read_held_out(baseline, film, pictures, protocol)
     frames = torch.from_numpy(pictures(np.array([5, 6, 7])))
     with torch.no_grad():
