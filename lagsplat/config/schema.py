@@ -16,31 +16,10 @@ from lagsplat.viewer.config import ViewerConfig
 from lagsplat.views.config import ViewsConfig
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
-
-
 GROUPS = (
-    "profile",
-    "recording",
-    "system",
-    "simulation",
-    "release",
-    "stage1",
-    "chart",
-    "stage2",
-    "baseline",
-    "forecaster",
-    "ode",
-    "authors",
-    "deformation",
-    "evaluate",
-    "extrapolation",
-    "forces",
-    "render",
-    "views",
-    "diagnose",
-    "blind",
-    "planted",
-    "viewer",
+    *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "stage2", "baseline"),
+    *("forecaster", "ode", "authors", "deformation", "evaluate", "extrapolation", "forces", "render"),
+    *("views", "diagnose", "blind", "planted", "viewer"),
 )
 
 
@@ -65,11 +44,9 @@ class SystemConfig:
 
     def __post_init__(self) -> None:
         """Check the counts; stage 1 checks them again where they are used."""
-        if min(self.d, self.n_gaussians, self.batch) < 1:
-            raise ValueError(
-                f"system.d={self.d}, system.n_gaussians={self.n_gaussians} and system.batch={self.batch} "
-                "must be at least 1"
-            )
+        for name in ("d", "n_gaussians", "batch"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"system.{name}={getattr(self, name)} must be at least 1")
 
 
 @dataclass  # not frozen, for the same reason
@@ -115,23 +92,15 @@ class Config:
 
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""
-        for key, names, group in (
-            ("systems", self.systems, "system"),
-            ("ablations", self.ablations, "stage2"),
-            ("baselines", self.baselines, "baseline"),
-            ("extrapolated", self.extrapolated, "system"),
-            ("spatial", self.spatial, "system"),
-            ("forecasters", self.forecasters, "forecaster"),
-        ):
+        groups = {"systems": "system", "extrapolated": "system", "spatial": "system"}
+        groups |= {"ablations": "stage2", "baselines": "baseline", "forecasters": "forecaster"}
+        for key, group in groups.items():
+            names = getattr(self, key)
             for name in names:
                 if name not in options(group):
                     raise ValueError(f"{key}={names}: {name!r} is not one of {options(group)} (conf/{group})")
-        for key, seeds in (
-            ("autoencoder_seeds", self.autoencoder_seeds),
-            ("seeds", self.seeds),
-            ("baseline_seeds", self.baseline_seeds),
-            ("forecaster_seeds", self.forecaster_seeds),
-        ):
+        for key in ("autoencoder_seeds", "seeds", "baseline_seeds", "forecaster_seeds"):
+            seeds = getattr(self, key)
             if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
                 raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")
         if not self.systems:

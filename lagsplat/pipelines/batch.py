@@ -7,7 +7,7 @@ import json
 import logging
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,26 +33,21 @@ log = logging.getLogger(__name__)
 SIM, REAL = "sim_*.csv", "real_*.csv"
 
 
-@dataclass(frozen=True)
-class BatchItem:
-    """The folder of a recording, and the effects that are left out of the catalogue for it."""
-
-    place: Path
-    without: tuple[str, ...]
-
-
 def list_batch(folder: Path, number: int, size: int) -> list[Path]:
     """Folders of batch ``number`` (from 0) with ``size`` recordings each, in the order of their names."""
     places = sorted(path for path in folder.iterdir() if path.is_dir())
     return places[number * size : (number + 1) * size]
 
 
-def read_batch_items(listed: Path, folders: Sequence[Path], number: int, size: int) -> list[BatchItem]:
-    """Read batch ``number`` (from 0) of a list with one ``{"id": ..., "without": [...]}`` a line."""
+def read_batch(listed: Path, folders: Sequence[Path], number: int, size: int) -> dict[Path, list[str]]:
+    """Read batch ``number`` (from 0) of a list with one ``{"id": ..., "without": [...]}`` a line.
+
+    Returns the effects that are left out of the catalogue for each recording, by its folder.
+    """
     places = {place.name: place for folder in folders for place in folder.iterdir()}
     lines = listed.read_text(encoding="utf-8").splitlines()[number * size : (number + 1) * size]
-    runs = [json.loads(line) for line in lines]
-    return [BatchItem(places[run["id"]], tuple(run["without"])) for run in runs]
+    items = [json.loads(line) for line in lines]
+    return {places[item["id"]]: item["without"] for item in items}
 
 
 def write_provenance(out: Path, seal: Path, header: Mapping[str, Any]) -> None:
@@ -66,8 +61,16 @@ def predict_recording(place: Path, out: Path, config: DiagnoseConfig, *, without
     ``diagnosis.json`` and ``rollouts.csv`` go to ``out``. Effects named ``without`` are left out of the
     catalogue.
     """
-    chosen = replace(config, without=[*config.without, *without])
-    return attempt(place, out, lambda place, out: _write_diagnosis(place, out, chosen))
+    config = replace(config, without=[*config.without, *without])
+
+    def write_diagnosis(place: Path, out: Path) -> None:
+        inputs = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
+        diagnosis = run_diagnosis(inputs, config, report_progress=lambda name: None).diagnosis
+        if diagnosis.blocks:
+            save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
+        save_diagnosis(out / "diagnosis.json", diagnosis)
+
+    return attempt(place, out, write_diagnosis)
 
 
 def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
@@ -83,14 +86,6 @@ def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
         write_text(out / "failed.txt", f"{type(error).__name__}: {error}\n")
         return False
     return True
-
-
-def _write_diagnosis(place: Path, out: Path, config: DiagnoseConfig) -> None:
-    inputs = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
-    found = run_diagnosis(inputs, config, report_progress=lambda name: None).diagnosis
-    if found.blocks:
-        save_rollouts(out / "rollouts.csv", found.blocks, q_names=found.q_names)
-    save_diagnosis(out / "diagnosis.json", found)
 
 
 def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
@@ -112,14 +107,12 @@ def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConf
     frames = np.concatenate([film.frames for film in sides["sim"]])
     autoencoder, _ = fit_autoencoder(frames, replace(stage1, d=int(about["coordinates"])), seed=0)
     require_trained_autoencoder(autoencoder, frames)
-    seen = {
-        name: [encode_frames(autoencoder, film.frames) for film in films] for name, films in sides.items()
-    }
-    white = fit_whitening(np.concatenate(seen["sim"]), eigenvalue_floor=chart.eigenvalue_floor)
+    raw = {side: [encode_frames(autoencoder, film.frames) for film in films] for side, films in sides.items()}
+    white = fit_whitening(np.concatenate(raw["sim"]), eigenvalue_floor=chart.eigenvalue_floor)
     out.mkdir(parents=True, exist_ok=True)
-    for name, films in sides.items():
-        latents = [(z - white.mean) @ white.whiten for z in seen[name]]
-        save_csv(out / f"{name}_0.csv", _latent_rows(films, latents))
+    for side, films in sides.items():
+        latents = [(z - white.mean) @ white.whiten for z in raw[side]]
+        save_csv(out / f"{side}_0.csv", _latent_rows(films, latents))
 
 
 def _read_videos(place: Path, name: str, frame_s: float) -> list[Recording]:
@@ -141,9 +134,8 @@ def _latent_rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> l
     begun = 0.0
     for number, (film, q) in enumerate(zip(films, latents, strict=True)):
         for t, state, inputs in zip(film.time_s, q, film.inputs, strict=True):
-            row: dict[str, float | int] = {"t": begun + float(t)}
-            row |= {f"q{i}": float(value) for i, value in enumerate(state)}
-            row |= {f"u{j}": float(value) for j, value in enumerate(inputs)}
-            rows.append(row | {"segment": number})
+            states = {f"q{i}": float(value) for i, value in enumerate(state)}
+            forcing = {f"u{i}": float(value) for i, value in enumerate(inputs)}
+            rows.append({"t": begun + float(t), **states, **forcing, "segment": number})
         begun = float(rows[-1]["t"]) + 2.0 * film.dt_s
     return rows

@@ -206,7 +206,10 @@ def _diagnose_arguments(
         try:
             run = run_diagnosis(inputs, config, report_progress=report_progress)
         except ValueError as error:
-            raise ValueError(_explain_failure(inputs.checked, error)) from error
+            reason = str(error)
+            if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
+                reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
+            raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
         report_progress("figures")
         content = build_report_content(inputs, run)
         if inputs.recordings is not None:
@@ -215,14 +218,6 @@ def _diagnose_arguments(
             report_progress("pictures")
             run, content = add_images(inputs, run, content)
         return inputs, run, content
-
-
-def _explain_failure(checked: DataCheck, error: ValueError) -> str:
-    """Say why nothing could be fitted, after the findings on the data."""
-    text = str(error)
-    if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in text:
-        text = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
-    return " ".join([*checked.warnings, text])
 
 
 def require_writable(out: Path) -> None:

@@ -27,6 +27,8 @@ from lagsplat.stage2.rollout import rollout
 
 BATCH = 64
 LEAST_STATES = 3  # the velocity at the start is a difference over three frames
+THIN = 1e-3  # [px] Thickness of Gaussians of the picture, and their distance from each other in their order
+FLAT = 1e-9  # [px^2] Least variance that is written
 log = logging.getLogger(__name__)
 
 
@@ -55,12 +57,19 @@ def export_mcap(run: FittedRun, config: EvaluateConfig, out: Path) -> None:
     require_same_run(run.autoencoder, chart, recording)
     encoded, predicted = encoded_motion(chart.whole, chart.smoothing_frames), predict(run, config)
     time_s, latents = recording.time_s, chart.latents
+    about = {"q": "whitened latent state", "v": "its velocity [1/s]; of encoded states smoothed before"}
+    states, forecast = {"q": latents[encoded.frames], "v": encoded.v}, {"q": predicted.q, "v": predicted.v}
     numbers = [
-        _states("/latent/encoded", time_s, encoded, latents[encoded.frames]),
-        _states("/latent/predicted", time_s, predicted, predicted.q),
-        _energies("/energy/encoded", time_s, encoded, run.lagrangian),
-        _energies("/energy/predicted", time_s, predicted, run.lagrangian),
+        NumberTopic("/latent/encoded", time_s[encoded.frames], states, about),
+        NumberTopic("/latent/predicted", time_s[predicted.frames], forecast, about),
     ]
+    time_unit_s = float(run.lagrangian.time_unit_s)
+    unit = f"the Lagrangian's own unit of energy, with {time_unit_s:g} s as unit of time"
+    about = dict.fromkeys(("kinetic", "potential", "total"), unit)
+    about["dissipated_power"] = f"{unit}, per second"
+    for name, motion in (("encoded", encoded), ("predicted", predicted)):
+        values = energies(run.lagrangian, motion.q, motion.v)
+        numbers.append(NumberTopic(f"/energy/{name}", time_s[motion.frames], values, about))
     if recording.input_names:
         columns = {name: recording.inputs[:, i] for i, name in enumerate(recording.input_names)}
         units = dict(zip(recording.input_names, recording.input_units, strict=True))
@@ -149,26 +158,6 @@ def _rendered(run: FittedRun, q: Float64[np.ndarray, "N d"]) -> Iterator[np.ndar
         yield from np.round(255.0 * np.moveaxis(np.clip(images, 0.0, 1.0), 1, 3)).astype(np.uint8)
 
 
-def _states(
-    topic: str, time_s: Float64[np.ndarray, " T"], motion: Motion, q: Float64[np.ndarray, "N d"]
-) -> NumberTopic:
-    about = {"q": "whitened latent state", "v": "its velocity [1/s]; of encoded states smoothed before"}
-    return NumberTopic(topic, time_s[motion.frames], {"q": q, "v": motion.v}, about)
-
-
-def _energies(
-    topic: str, time_s: Float64[np.ndarray, " T"], motion: Motion, lagrangian: Lagrangian
-) -> NumberTopic:
-    unit = f"the Lagrangian's own unit of energy, with {float(lagrangian.time_unit_s):g} s as unit of time"
-    about = dict.fromkeys(("kinetic", "potential", "total"), unit)
-    about["dissipated_power"] = f"{unit}, per second"
-    return NumberTopic(topic, time_s[motion.frames], energies(lagrangian, motion.q, motion.v), about)
-
-
-THIN = 1e-3  # [px] Thickness of Gaussians of the picture, and their distance from each other in their order
-FLAT = 1e-9  # [px^2] Least variance that is told
-
-
 def export_ply(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"], out: Path) -> None:
     """Write the Gaussians that are present at the whitened state ``q``.
 
@@ -200,7 +189,12 @@ def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> PlyClou
     if model.space == 3:
         unit = float(autoencoder.filmed_view(model.center).focal[0, 0])
     else:
-        means, packed, unit = _stood_up(means, packed, autoencoder.height, autoencoder.width)
+        # on a plane one picture's width ahead, thin, the first in front
+        unit, n = float(autoencoder.width), len(means)
+        depth = unit + np.arange(n)[:, None] * THIN / max(n, 1)
+        center = 0.5 * np.array([autoencoder.width, autoencoder.height])
+        means = np.concatenate([means - center, depth], axis=1)
+        packed = np.concatenate([packed, np.zeros((n, 2)), np.full((n, 1), THIN**2)], axis=1)
     values, vectors = np.linalg.eigh(packed[:, SQUARE].reshape(-1, 3, 3))
     shown = opacity >= ALPHA_MIN
     return PlyCloud(
@@ -210,13 +204,3 @@ def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> PlyClou
         colors=scene.color.double().cpu().numpy()[shown],
         opacities=opacity[shown],
     )
-
-
-def _stood_up(
-    means: np.ndarray, packed: np.ndarray, height: int, width: int
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Gaussians of a picture on a plane one picture's width ahead, thin, the first in front."""
-    order = np.arange(len(means))[:, None] * THIN / max(len(means), 1)
-    solid = np.concatenate([means - 0.5 * np.array([width, height]), width + order], axis=1)
-    nothing = np.zeros((len(means), 2))
-    return solid, np.concatenate([packed, nothing, np.full((len(means), 1), THIN**2)], axis=1), float(width)

@@ -252,8 +252,8 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
         >>> len(at), len(along)
         (2, 2)
     """
-    kinematics = hold(run).kinematics
-    rest = hold(run).rest
+    point = hold(run)
+    kinematics, rest = point.kinematics, point.rest
     weight = kinematics.presence(rest[None])[0]
     inside = torch.tensor([kinematics.width, kinematics.height], dtype=torch.float64)
     centers = kinematics.places(rest[None])[0, :, :2]

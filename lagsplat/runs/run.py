@@ -100,10 +100,9 @@ def rollout(
         raise ValueError(
             f"{inputs.shape[1]} input columns, but the run was trained with {chart.inputs.shape[1]}"
         )
-    if frame is not None and not 0 <= frame < len(chart.latents):
-        raise ValueError(f"frame={frame}: the recording has frames 0 to {len(chart.latents) - 1}")
     q0, v0 = chart.rest, np.zeros(chart.d)
     if frame is not None:
+        _check_frame(chart, frame)
         smooth = chart.whole.smoothed(chart.smoothing_frames).latents
         at = np.array([frame])
         q0, v0 = smooth[frame], chart.whole.clock.slope(smooth, at, _stencil(chart, frame))[0]
@@ -128,9 +127,13 @@ def choose_state(run: FittedRun, frame: str | None, q: str | None) -> Float64[np
         number = int(frame)
     except ValueError as error:
         raise ValueError(f"frame={frame} q={q}: give a frame's number, or q=q0,q1,... ({error})") from error
-    if not 0 <= number < len(run.chart.latents):
-        raise ValueError(f"frame={frame}: the recording has frames 0 to {len(run.chart.latents) - 1}")
+    _check_frame(run.chart, number)
     return run.chart.latents[number]
+
+
+def _check_frame(chart: Chart, frame: int) -> None:
+    if not 0 <= frame < len(chart.latents):
+        raise ValueError(f"frame={frame}: the recording has frames 0 to {len(chart.latents) - 1}")
 
 
 def _stencil(chart: Chart, frame: int) -> tuple[int, int]:

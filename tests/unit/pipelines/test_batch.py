@@ -14,7 +14,7 @@ from benchmarks.gapgen.predictions import read_prediction
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.pipelines.batch import list_batch, predict_recording, read_batch_items, write_provenance
+from lagsplat.pipelines.batch import list_batch, predict_recording, read_batch, write_provenance
 from tests.unit.benchmarks.cases import move, recording
 
 WATCH = """
@@ -113,9 +113,9 @@ def test_runs_are_found_in_any_folder(tmp_path: Path) -> None:
     listed = tmp_path / "runs.jsonl"
     listed.write_text("".join(json.dumps({"id": name, "without": [name]}) + "\n" for name in "cab"))
     folders = [tmp_path / "x", tmp_path / "y"]
-    found = [(run.place.parent.name, run.without) for run in read_batch_items(listed, folders, 0, 2)]
-    assert found == [("y", ("c",)), ("x", ("a",))]
-    assert [run.place.name for run in read_batch_items(listed, folders, 1, 2)] == ["b"]
+    found = read_batch(listed, folders, 0, 2)
+    assert list(found.items()) == [(tmp_path / "y" / "c", ["c"]), (tmp_path / "x" / "a", ["a"])]
+    assert [place.name for place in read_batch(listed, folders, 1, 2)] == ["b"]
 
 
 def test_predictions_are_signed(tmp_path: Path) -> None:

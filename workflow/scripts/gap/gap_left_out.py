@@ -3,13 +3,14 @@
 from pathlib import Path
 
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.pipelines.batch import predict_recording, read_batch_items, write_provenance
+from lagsplat.pipelines.batch import predict_recording, read_batch, write_provenance
 from lagsplat.planning.job import Job
 
 with Job(snakemake) as job:
     config, out = job.section(DiagnoseConfig), Path(job.output.said)
     data = job.input.data  # one folder of trajectories, or one for each batch of films
     folders = [Path(folder) for folder in ([data] if isinstance(data, str) else data)]
-    for run in read_batch_items(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size):
-        predict_recording(run.place, out / run.place.name, config, without=run.without)
+    batch = read_batch(Path(job.input.runs), folders, int(job.wildcards.batch), job.params.size)
+    for place, without in batch.items():
+        predict_recording(place, out / place.name, config, without=without)
     write_provenance(out, Path(job.input.seal), job.header)
