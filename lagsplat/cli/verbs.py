@@ -151,10 +151,8 @@ def export(given: Namespace) -> None:
         )
     kind, folder = formats[0], Path(folders[0])
     words = [word for word in given.words if "=" in word]
-    if kind == "ply":
-        keys, changes = split_words(words, allowed=("out", "frame", "q"), settings=())
-    else:
-        keys, changes = split_words(words, allowed=("out",))
+    allowed, settings = (("out", "frame", "q"), ()) if kind == "ply" else (("out",), ("",))
+    keys, changes = split_words(words, allowed=allowed, settings=settings)
     out = Path(keys.get("out", folder / f"run.{kind}"))
     from lagsplat.runs.run import choose_state, open_run
 

@@ -19,7 +19,8 @@ from lagsplat.config import schema
 from lagsplat.config.schema import GROUPS, Config
 from lagsplat.provenance import code_digest, recall, sha256_hex
 
-OPEN_TABLES = ("diagnose.columns",)  # tables of `conf/` whose keys are the user's own
+OPEN_TABLES = ("diagnose.columns=", "diagnose.columns.")
+"""Beginnings of overrides of tables whose keys the user chooses: they may set keys that ``conf/`` lacks."""
 Section = TypeVar("Section")
 
 
@@ -69,7 +70,8 @@ def _compose_anew(overrides: list[str]) -> Config:
     ConfigStore.instance().store(name="schema", node=Config)
     try:
         with initialize_config_dir(str(schema.CONF), version_base="1.3"):
-            tree = hydra_compose("config", [_opened(item) for item in overrides], return_hydra_config=True)
+            words = [f"++{item}" if item.startswith(OPEN_TABLES) else item for item in overrides]
+            tree = hydra_compose("config", words, return_hydra_config=True)
         choices = {group: str(tree.hydra.runtime.choices[group]) for group in GROUPS}
         with open_dict(tree):
             tree.pop("hydra")
@@ -84,13 +86,6 @@ def _compose_anew(overrides: list[str]) -> Config:
 def key_of(override: str) -> str:
     """The key that an override ``key=value`` sets."""
     return override.partition("=")[0]
-
-
-def _opened(override: str) -> str:
-    """The override in Hydra's words: a table whose keys the user chooses takes keys that conf/ lacks."""
-    key = key_of(override)
-    free = any(key == name or key.startswith(f"{name}.") for name in OPEN_TABLES)
-    return f"++{override}" if free else override
 
 
 def rebuild(section: type[Section], values: Mapping[str, Any]) -> Section:
@@ -116,11 +111,8 @@ def _explain(error: BaseException | None, overrides: list[str]) -> str:
         if (text := " ".join(str(error).split())) not in parts:
             parts.append(text)
         error = error.__cause__
-    text = re.sub(
-        r" ?(To append to your config|Config search path:|Set the environment).*?(?= \| |$)",
-        "",
-        " | ".join(parts),
-    )
+    advice = r" ?(To append to your config|Config search path:|Set the environment).*?(?= \| |$)"
+    text = re.sub(advice, "", " | ".join(parts))
     text = re.sub(r" (full_key|reference_type|object_type)[:=]", r"; \1:", text)
     text = re.sub(r"In '([\w/]+)'", r"conf/\1.yaml", text)
     if found := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'", text):

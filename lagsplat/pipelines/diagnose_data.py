@@ -119,14 +119,10 @@ def diagnose(
         raise ConfigError(f"diagnose: no setting {unknown[0]!r}{closest(unknown[0], known)}")
     config = replace(config, **settings)
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "diagnosis" if out is None else Path(out).expanduser()
-        sim_name, real_name = (
-            _name_sources(sim, Path(scratch), "sim"),
-            _name_sources(real, Path(scratch), "real"),
-        )
-        diagnosis = diagnose_files(
-            sim_name, real_name, folder, config, command="lagsplat.diagnose(sim, real)"
-        )
+        kept = Path(scratch)
+        folder = kept / "diagnosis" if out is None else Path(out).expanduser()
+        sims, reals = _name_sources(sim, kept, "sim"), _name_sources(real, kept, "real")
+        diagnosis = diagnose_files(sims, reals, folder, config, command="lagsplat.diagnose(sim, real)")
         page = (folder / "report.html").read_text(encoding="utf-8")
     return DiagnosisReport.of(diagnosis, page)
 

@@ -27,12 +27,13 @@ from lagsplat.diagnose.residual.components import compute_residual_correlations
 from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQuality, measure_error_stages
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
+from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
-from lagsplat.report.diagnosis.html import save_report
+from lagsplat.report.diagnosis.html import render_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
 NOWHERE = "The gap cannot be located: along the real motion the sim's forces are not finite."
@@ -188,7 +189,8 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", augmented, diagnosis, config)
     # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
-    save_report(out / "report.html", diagnosis, replace(content, command=command, stamp=stamp()))
+    page = render_report(diagnosis, replace(content, command=command, stamp=stamp()))
+    write_text(out / "report.html", page)
     save_diagnosis(out / "diagnosis.json", diagnosis)
     return diagnosis
 

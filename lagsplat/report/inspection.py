@@ -5,7 +5,7 @@ For a log and a video the text ends with the overrides or the configuration that
 
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,11 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
     """
     train, held_out = recording.split()
     duration_s = recording.time_s[-1] - recording.time_s[0]
+    columns = zip(recording.input_names, recording.input_units, recording.inputs.T, strict=True)
+    inputs = [
+        f"input {name:<4} {values.min():.4g} to {values.max():.4g} {unit}, mean {values.mean():.4g}"
+        for name, unit, values in columns
+    ]
     lines = [
         f"source     {recording.meta.get('source')} ({recording.meta.get('origin')})",
         f"licence    {recording.meta.get('licence')}",
@@ -53,8 +58,7 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
         f"{len(recording.segments)} clip(s)",
         f"duration   {duration_s:.3f} s, {1.0 / recording.dt_s:.4f} frames/s, spacing {recording.dt_s:.6f} s",
         f"colours    {_describe_colours(recording)}",
-        *(_describe_input(recording, column) for column in range(recording.inputs.shape[1])),
-        *([] if recording.inputs.shape[1] else ["inputs     none"]),
+        *(inputs or ["inputs     none"]),
         f"gaps       {_describe_gaps(recording)}",
         f"free       {_describe_free(recording, config)}",
         f"split      {train.n_frames} frames to train on, {held_out.n_frames} held out",
@@ -68,21 +72,12 @@ def _describe_colours(recording: Recording) -> str:
     return f"{frames.min()} to {frames.max()} of 255; the busiest pixel varies by {moving:.3f} (rms, of 1)"
 
 
-def _describe_input(recording: Recording, column: int) -> str:
-    values = recording.inputs[:, column]
-    name, unit = recording.input_names[column], recording.input_units[column]
-    return f"input {name:<4} {values.min():.4g} to {values.max():.4g} {unit}, mean {values.mean():.4g}"
-
-
 def _describe_gaps(recording: Recording) -> str:
     gaps = []
     for start, stop in recording.segments:
-        steps = np.diff(recording.time_s[start:stop])
-        gaps += [
-            f"{step:.3f} s after frame {start + i}"
-            for i, step in enumerate(steps)
-            if step > GAP_RATIO * recording.dt_s
-        ]
+        for frame, step in enumerate(np.diff(recording.time_s[start:stop]), start=start):
+            if step > GAP_RATIO * recording.dt_s:
+                gaps.append(f"{step:.3f} s after frame {frame}")
     more = f" and {len(gaps) - MAX_LISTED} more" if len(gaps) > MAX_LISTED else ""
     return ", ".join(gaps[:MAX_LISTED]) + more if gaps else "none"
 
@@ -175,23 +170,24 @@ def suggest_overrides(survey: McapSurvey) -> list[str]:
     used = [camera, *(topic for topic, _ in fields)]
     stamped = all(topic.stamped and not topic.backwards["header"] for topic in used)
     names = [_make_name(path) for _, path in fields]
-    inputs = ", ".join(
-        _format_input(topic, path, name if names.count(name) == 1 else _make_name(f"{topic.name}.{path}"))
-        for (topic, path), name in zip(fields, names, strict=True)
-    )
+    inputs = []
+    for (topic, path), name in zip(fields, names, strict=True):
+        parts: list[str] = re.findall(r"[^.\[\]]+", path)
+        values = {
+            "topic": topic.name,
+            "field": path,
+            "name": name if names.count(name) == 1 else _make_name(f"{topic.name}.{path}"),
+            "unit": next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown"),
+        }
+        inputs.append("{" + ", ".join(f"{key}: {_quote(value)}" for key, value in values.items()) + "}")
     return [
         "recording=filmed",
         f"recording.path={_quote(str(survey.path))}",
         "recording.kind=mcap",
         f"recording.mcap.camera={_quote(camera.name)}",
         f"recording.mcap.clock={'header' if stamped else 'log'}",
-        f"recording.mcap.inputs=[{inputs}]",
+        f"recording.mcap.inputs=[{', '.join(inputs)}]",
     ]
-
-
-def _format_input(topic: TopicSummary, path: str, name: str) -> str:
-    values = {"topic": topic.name, "field": path, "name": name, "unit": _guess_unit(path)}
-    return "{" + ", ".join(f"{key}: {_quote(value)}" for key, value in values.items()) + "}"
 
 
 def _make_name(path: str) -> str:
@@ -202,11 +198,6 @@ def _quote(text: str) -> str:
     """Quote as the grammar of Hydra requires: brackets and spaces need quotes."""
     plain = re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
     return text if plain else '"' + text.replace('"', '\\"') + '"'
-
-
-def _guess_unit(path: str) -> str:
-    parts: Sequence[str] = re.findall(r"[^.\[\]]+", path)
-    return next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown")
 
 
 def describe_video(recording: Recording) -> str:
@@ -222,7 +213,7 @@ def describe_video(recording: Recording) -> str:
 
 def propose_system(recording: Recording, *, path: Path, settings: RecordingConfig) -> str:
     """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user."""
-    name = re.sub(r"\W+", "_", path.stem).strip("_").lower() or "film"
+    name = _make_name(path.stem).lower() or "film"
     clips = recording.meta["footage"]
     height, width = _choose_size(recording, settings)
     crop = "null" if settings.crop is None else str(list(settings.crop))

@@ -68,9 +68,10 @@ def fit_run(
     save_recording(out / "recording.safetensors", recording)
     checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
     identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
-    novel = None
+    novel = supervision = None
     if experiment.views is not None:
-        novel = obtain_views(
+        supervision = experiment.views.supervision
+        views = obtain_views(
             experiment.views,
             recording,
             experiment.recording,
@@ -78,15 +79,16 @@ def fit_run(
             states=None if truth is None else truth.states,
             cache=out / "sharp",
         )
-        save_views(out / "views.safetensors", novel, header)
+        save_views(out / "views.safetensors", views, header)
+        novel = views.first(train.n_frames)
     autoencoder, _ = fit_autoencoder(
         train.frames,
         experiment.stage1,
         seed=seed,
         checkpoint=checkpoint,
         identity=identity,
-        novel=None if novel is None else novel.first(train.n_frames),
-        supervision=None if experiment.views is None else experiment.views.supervision,
+        novel=novel,
+        supervision=supervision,
     )
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
     require_trained_autoencoder(autoencoder, train.frames)

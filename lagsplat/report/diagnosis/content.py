@@ -21,7 +21,15 @@ from lagsplat.io.files.atomic import replace_atomically
 
 SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
 """Checks that have a function of their own; `read_measures` gives the others."""
-WHERE_KEYS = ("level", "coordinates", "time_s", "frequency_hz", "state_region", "image_region", "components")
+EMPTY_WHERE: dict[str, Any] = {
+    "level": None,
+    "coordinates": {},
+    "time_s": [],
+    "frequency_hz": [],
+    "state_region": {},
+    "image_region": None,
+}
+"""Written of the place of a gap that was not located; ``not_computed`` lists its keys then."""
 FORECAST_KINDS = ("real", "sim", "augmented")
 
 
@@ -123,7 +131,7 @@ def list_missing_fields(diagnosis: Diagnosis) -> list[str]:
     if "not_computed" in location:
         return list(location["not_computed"])
     known = {name for name, value in location.items() if value is not None or name == "image_region"}
-    return [name for name in WHERE_KEYS if name not in known]
+    return [name for name in (*EMPTY_WHERE, "components") if name not in known]
 
 
 def find_main_coordinate(diagnosis: Diagnosis) -> str | None:

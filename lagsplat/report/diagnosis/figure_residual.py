@@ -29,7 +29,7 @@ def draw_spectrum(diagnosis: Diagnosis) -> Figure | None:
     coordinate = find_coordinate_index(diagnosis)
     figure = style.new_figure(style.PAGE_IN, 2.1)
     power, coherence = figure.subplots(1, 2)
-    _draw_power(power, spectrum, coordinate, get_coordinate_name(diagnosis, coordinate))
+    _draw_power(power, spectrum, coordinate, diagnosis.q_names[coordinate])
     _draw_coherence(coherence, spectrum, coordinate)
     for axis in (power, coherence):
         axis.set_xscale("log")
@@ -102,16 +102,11 @@ def find_coordinate_index(diagnosis: Diagnosis) -> int:
     return diagnosis.q_names.index(name) if name in diagnosis.q_names else 0
 
 
-def get_coordinate_name(diagnosis: Diagnosis, index: int) -> str:
-    """Get the name of a coordinate."""
-    return diagnosis.q_names[index] if index < len(diagnosis.q_names) else f"q{index}"
-
-
 @style.paper_style()
 def draw_time_strip(diagnosis: Diagnosis) -> Figure | None:
     """Draw the residual over one file, and measured and forecast motion of a stretch; None without either."""
     coordinate = find_coordinate_index(diagnosis)
-    name = get_coordinate_name(diagnosis, coordinate)
+    name = diagnosis.q_names[coordinate]
     smoothed = _select_smoothed(diagnosis)
     blocks = _select_blocks(diagnosis, None if smoothed is None else smoothed.motion.source)
     if smoothed is None and not blocks:
@@ -237,7 +232,7 @@ def draw_forecast_comparison(diagnosis: Diagnosis) -> Figure | None:
             axis.set_title(f"block {block.index}", loc="left", pad=1)
             axis.set_xlim(block.time_s[0], block.time_s[-1])
             axis.set_ylim(real.min() - margin, real.max() + margin)
-        row[0].set_ylabel(get_coordinate_name(diagnosis, coordinate))
+        row[0].set_ylabel(diagnosis.q_names[coordinate])
     for axis, title in zip(axes[-1], ("sim as delivered", name_second_forecast(diagnosis)), strict=True):
         axis.set_xlabel(f"time (s) · {title}")
     axes[0, 0].legend(loc="best", ncols=1)

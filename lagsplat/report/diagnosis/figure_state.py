@@ -22,7 +22,6 @@ from lagsplat.report.diagnosis.content import (
     VideoComparison,
     read_location,
 )
-from lagsplat.report.diagnosis.figure_residual import get_coordinate_name
 
 MAX_SIDE_PX = 480  # of the larger side of a frame
 MAX_FRAMES = 150  # of a video, so that a page stays a few megabytes
@@ -104,19 +103,14 @@ def _draw_excess(figure: Figure, axis: Any, error: ImageErrorMap) -> None:
     reach = max(float(np.max(error.excess)), 1e-300)
     shown = np.clip(error.excess / reach, 0.0, 1.0)
     image = axis.imshow(shown, cmap=IMAGE_COLOURS, alpha=np.clip(1.5 * shown, 0.0, 0.9), vmin=0.0, vmax=1.0)
+    colour, rim = style.PREDICTED, [Stroke(linewidth=1.5, foreground="white"), Normal()]
     for left, top, right, bottom, share in error.parts:
-        corner = (left - 0.5, top - 0.5)
-        axis.add_patch(Rectangle(corner, right - left, bottom - top, fill=False, edgecolor=style.PREDICTED))
+        corner, text = (left - 0.5, top - 0.5), format_percent(share)
+        axis.add_patch(Rectangle(corner, right - left, bottom - top, fill=False, edgecolor=colour))
         above = top > 0.1 * error.excess.shape[0]
+        edge, points, side = (top, 2, "bottom") if above else (bottom, -2, "top")
         style.annotate(
-            axis,
-            format_percent(share),
-            (left, top if above else bottom),
-            (0, 2 if above else -2),
-            color=style.PREDICTED,
-            va="bottom" if above else "top",
-            fontsize=6,
-            path_effects=[Stroke(linewidth=1.5, foreground="white"), Normal()],
+            axis, text, (left, edge), (0, points), color=colour, va=side, fontsize=6, path_effects=rim
         )
     axis.set_title("excess error of the sim's images", loc="left", pad=2)
     style.add_colorbar(figure, image, axis, "of its maximum", shrink=0.8, aspect=18)
@@ -126,29 +120,17 @@ def _draw_force(figure: Figure, axis: Any, force: ImageForceMap) -> None:
     _draw_background(axis, force.frame)
     shown = np.clip(force.explained, 0.0, 1.0)
     image = axis.scatter(
-        *force.points.T,
-        c=shown,
-        cmap=IMAGE_COLOURS,
-        s=14,
-        vmin=0.0,
-        vmax=1.0,
-        edgecolors="white",
-        linewidths=0.4,
+        *force.points.T, c=shown, cmap=IMAGE_COLOURS, s=14, edgecolors="white", linewidths=0.4
     )
+    image.set_clim(0.0, 1.0)
     title = "share that a force on each point explains"
     if force.localisable and len(force.near):
         near = list(force.near)
         longest = max(float(np.linalg.norm(force.forces[near], axis=1).max()), 1e-300)
         arrows = 0.25 * max(force.frame.shape[:2]) / longest * force.forces[near]
+        points, colour = force.points[near].T, style.PREDICTED
         axis.quiver(
-            *force.points[near].T,
-            *arrows.T,
-            angles="xy",
-            scale_units="xy",
-            scale=1.0,
-            color=style.PREDICTED,
-            width=0.01,
-            zorder=3,
+            *points, *arrows.T, angles="xy", scale_units="xy", scale=1.0, color=colour, width=0.01, zorder=3
         )
     else:
         title += "\nnot localisable: the motion does not distinguish the points"
@@ -173,7 +155,7 @@ def draw_state_maps(diagnosis: Diagnosis) -> Figure | None:
     """Draw the mean residual acceleration over position and velocity, and along one; None without maps."""
     location = read_location(diagnosis)
     maps, shares = location.get("maps") or (), location.get("coordinates") or {}
-    names = {state_map.coordinate: get_coordinate_name(diagnosis, state_map.coordinate) for state_map in maps}
+    names = {state_map.coordinate: diagnosis.q_names[state_map.coordinate] for state_map in maps}
     mapped = sorted(names, key=lambda i: (-shares.get(names[i], 0.0), i))[:MAX_COORDINATES]
     if not mapped:
         return None

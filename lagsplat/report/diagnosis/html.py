@@ -14,7 +14,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect, short_title
-from lagsplat.io.files.atomic import write_text
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.common.style import encode_svg_uri
 from lagsplat.report.diagnosis.content import (
@@ -43,16 +42,6 @@ MEASURE_LABELS = {
     "sim_misfit": "mean square by which the sim misses its own recordings (noise is 1)",
 }
 """Measures of the data, which head the page; other numbers stand at its end."""
-
-
-def save_report(path: str | os.PathLike[str], diagnosis: Diagnosis, content: ReportContent) -> None:
-    """Write the page, whole or not at all.
-
-    Raises:
-        ValueError: as of `render_report`.
-        OSError: as of `write_text`.
-    """
-    write_text(path, render_report(diagnosis, content))
 
 
 def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:

@@ -17,7 +17,7 @@ from msgspec.structs import asdict
 from lagsplat.diagnose.core.result import SCHEMA, Candidate, Diagnosis, Gap, Interval, Parameter, Verdict
 from lagsplat.diagnose.effects.registry import VERDICTS, list_names
 from lagsplat.io.files.atomic import write_text
-from lagsplat.report.diagnosis.content import list_missing_fields, read_location, to_plain_data
+from lagsplat.report.diagnosis.content import EMPTY_WHERE, list_missing_fields, read_location, to_plain_data
 
 PROBABILITY_TOLERANCE = 1e-6  # largest distance of the sum of all probabilities from one
 GAP_UNIT = "fraction of each coordinate's rms"
@@ -26,15 +26,6 @@ NAN = float("nan")
 NO_INTERVAL = Interval(None, None, None)
 NO_GAP = Gap(NAN, NAN, NAN, NAN, NAN, NO_INTERVAL)
 """Written where there is no gap, so that readers find its keys all the same."""
-EMPTY_WHERE: dict[str, Any] = {
-    "level": None,
-    "coordinates": {},
-    "time_s": [],
-    "frequency_hz": [],
-    "state_region": {},
-    "image_region": None,
-}
-"""Written of the place of a gap that was not located; ``not_computed`` lists its keys then."""
 OPTIONAL_WHERE = ("components", "memory_index", "evidence")
 
 
