@@ -261,9 +261,8 @@ def seed_everything(seed: int) -> None:
 def let_waiting_threads_sleep() -> None:
     """Tell OpenMP, before torch and Numba start their pools, that an idle thread gives its core away.
 
-    Both bring a pool of their own. A thread that spins while it waits keeps the other pool, and every other
-    program, from that core: with two cores a step of stage 1 then takes several times as long. A policy that
-    the user has set stays.
+    A thread that spins while it waits keeps the other pool, and every other program, from that core: with two
+    cores a step of stage 1 then takes several times as long. A policy that the user has set stays.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
@@ -271,10 +270,9 @@ def let_waiting_threads_sleep() -> None:
 def set_threads(n: int) -> None:
     """Let Numba use ``n`` threads, and torch one.
 
-    The rasteriser is parallel over frames. What torch is left with are many small operations, which gain a
-    quarter from a second thread on an idle machine and lose a factor of two to twenty to its hand-overs as
-    soon as another program wants a core. Numba cannot go above the number of threads it was started with; it
-    then takes that number.
+    The rasteriser is parallel over frames. Torch is left with many small operations, which gain a quarter
+    from a second thread on an idle machine and lose a factor of two to twenty as soon as another program
+    wants a core. Numba takes at most the number of threads it was started with.
 
     Raises:
         ValueError: ``n`` is below one.

@@ -25,7 +25,7 @@ class CameraReader:
     """Frames of one topic, by the number of their message.
 
     A message that cannot be decoded is skipped and listed in ``damaged``, unless it is the first. ``source``
-    is the file's name in errors. Use it in a ``with`` block: it may make a temporary file.
+    is the file's name in errors. Close it: it may make a temporary file.
     """
 
     def __init__(self, topic: str, settings: FrameSettings, *, source: str) -> None:
@@ -37,10 +37,8 @@ class CameraReader:
         self._packets = VideoPackets()
         self._wanted: list[bool] = []
 
-    def __enter__(self) -> "CameraReader":
-        return self
-
-    def __exit__(self, *error: object) -> None:
+    def close(self) -> None:
+        """Delete the temporary file."""
         self._packets.close()
 
     def add(self, message: Any, schema_name: str, now_ns: int) -> None:
@@ -89,29 +87,24 @@ class CameraReader:
 
 COMPRESSED, RAW, VIDEO = "compressed", "raw", "video"
 MESSAGES = {"CompressedImage": COMPRESSED, "Image": RAW, "RawImage": RAW, "CompressedVideo": VIDEO}
-LAYOUTS: dict[str, tuple[int, type[np.unsignedinteger], int | None]] = {
-    "bgr8": (3, np.uint8, None),
-    "8uc3": (3, np.uint8, None),
-    "rgb8": (3, np.uint8, cv2.COLOR_RGB2BGR),
-    "bgra8": (4, np.uint8, cv2.COLOR_BGRA2BGR),
-    "8uc4": (4, np.uint8, cv2.COLOR_BGRA2BGR),
-    "rgba8": (4, np.uint8, cv2.COLOR_RGBA2BGR),
-    "mono8": (1, np.uint8, cv2.COLOR_GRAY2BGR),
-    "8uc1": (1, np.uint8, cv2.COLOR_GRAY2BGR),
-    "mono16": (1, np.uint16, cv2.COLOR_GRAY2BGR),
-    "16uc1": (1, np.uint16, cv2.COLOR_GRAY2BGR),
-    "bgr16": (3, np.uint16, None),
-    "rgb16": (3, np.uint16, cv2.COLOR_RGB2BGR),
-    "yuv422": (2, np.uint8, cv2.COLOR_YUV2BGR_UYVY),
-    "uyvy": (2, np.uint8, cv2.COLOR_YUV2BGR_UYVY),
-    "yuv422_yuy2": (2, np.uint8, cv2.COLOR_YUV2BGR_YUY2),
-    "yuyv": (2, np.uint8, cv2.COLOR_YUV2BGR_YUY2),
-    "bayer_rggb8": (1, np.uint8, cv2.COLOR_BayerRGGB2BGR),
-    "bayer_bggr8": (1, np.uint8, cv2.COLOR_BayerBGGR2BGR),
-    "bayer_gbrg8": (1, np.uint8, cv2.COLOR_BayerGBRG2BGR),
-    "bayer_grbg8": (1, np.uint8, cv2.COLOR_BayerGRBG2BGR),
+ENCODINGS: dict[tuple[int, type[np.unsignedinteger], int | None], tuple[str, ...]] = {
+    (3, np.uint8, None): ("bgr8", "8uc3"),
+    (3, np.uint8, cv2.COLOR_RGB2BGR): ("rgb8",),
+    (4, np.uint8, cv2.COLOR_BGRA2BGR): ("bgra8", "8uc4"),
+    (4, np.uint8, cv2.COLOR_RGBA2BGR): ("rgba8",),
+    (1, np.uint8, cv2.COLOR_GRAY2BGR): ("mono8", "8uc1"),
+    (1, np.uint16, cv2.COLOR_GRAY2BGR): ("mono16", "16uc1"),
+    (3, np.uint16, None): ("bgr16",),
+    (3, np.uint16, cv2.COLOR_RGB2BGR): ("rgb16",),
+    (2, np.uint8, cv2.COLOR_YUV2BGR_UYVY): ("yuv422", "uyvy"),
+    (2, np.uint8, cv2.COLOR_YUV2BGR_YUY2): ("yuv422_yuy2", "yuyv"),
+    (1, np.uint8, cv2.COLOR_BayerRGGB2BGR): ("bayer_rggb8",),
+    (1, np.uint8, cv2.COLOR_BayerBGGR2BGR): ("bayer_bggr8",),
+    (1, np.uint8, cv2.COLOR_BayerGBRG2BGR): ("bayer_gbrg8",),
+    (1, np.uint8, cv2.COLOR_BayerGRBG2BGR): ("bayer_grbg8",),
 }
-"""For each encoding: channels, number type, and OpenCV's conversion to BGR."""
+"""Names of every layout: channels, number type, and OpenCV's conversion to BGR."""
+LAYOUTS = {name: layout for layout, names in ENCODINGS.items() for name in names}
 
 
 def image_kind(schema_name: str) -> str | None:

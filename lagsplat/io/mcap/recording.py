@@ -8,6 +8,7 @@ damaged file is read, with a warning of what is lost.
 import difflib
 import os
 import warnings
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from pathlib import Path
@@ -40,7 +41,7 @@ def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameS
             overlap; or no frame is left.
     """
     path = Path(path)
-    with CameraReader(str(topics.camera), settings, source=str(path)) as camera:
+    with closing(CameraReader(str(topics.camera), settings, source=str(path))) as camera:
         log = _Log(path, topics, camera)
         log.read()
     numbers, frame_s = log.frame_times()

@@ -68,11 +68,8 @@ class Recording:
                 object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
         for name in ("input_names", "input_units"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        self._check_numbers()
-        object.__setattr__(self, "segments", complete_clips(self.segments, self.n_frames, source=self.source))
-
-    def _check_numbers(self) -> None:
         n, time_s, inputs, states = self.n_frames, self.time_s, self.inputs, self.states
+        object.__setattr__(self, "segments", complete_clips(self.segments, n, source=self.source))
         given = time_s.shape == (n,) and np.isfinite(time_s).all()
         require(given, self.source, f"time_s of shape {time_s.shape}; give {n} finite times [s]")
         require_increasing(time_s, source=self.source)

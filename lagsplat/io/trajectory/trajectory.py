@@ -49,36 +49,33 @@ class Trajectory:
     source: str = "motion"
 
     def __post_init__(self) -> None:
+        blocks: dict[str, np.ndarray] = {}
         for name in ("time_s", "q", "u", "v"):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
-        self._check_shapes()
+            if getattr(self, name) is not None:
+                blocks[name] = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+                object.__setattr__(self, name, blocks[name])
+        time_s = blocks.pop("time_s")
+        n, shape = len(time_s), time_s.shape
+        require(time_s.ndim == 1 and n, self.source, f"time_s of shape {shape}; give (T,) times [s]")
+        for name, value in blocks.items():
+            rows = value.ndim == 2 and len(value) == n and (name == "u" or value.shape[1] > 0)
+            rule = f"give ({n}, columns), one row a sample"
+            require(rows, self.source, f"{name} of shape {value.shape}; {rule}")
+        if self.v is not None and self.v.shape != self.q.shape:
+            rule = f"give the rates of q, {self.q.shape}"
+            raise ValueError(f"{self.source}: v of shape {self.v.shape}; {rule}")
+        for name, value in {**blocks, "time_s": time_s}.items():
+            bad = np.argwhere(~np.isfinite(value))
+            if bad.size:
+                number, sample = value[tuple(bad[0])], bad[0][0]
+                raise ValueError(f"{self.source}: {name} is {number} at sample {sample}; give numbers")
         for letter, width in (("q", self.d), ("u", self.n_u)):
             names = tuple(getattr(self, f"{letter}_names")) or tuple(f"{letter}{i}" for i in range(width))
             object.__setattr__(self, f"{letter}_names", names)
             rule = f"give each of {width} columns its own name"
             require(len(set(names)) == width, self.source, f"{letter}_names {names}; {rule}")
-        object.__setattr__(self, "segments", complete_clips(self.segments, self.n, source=self.source))
-        require_increasing(self.time_s, source=self.source)
-
-    def _check_shapes(self) -> None:
-        n, shape = len(self.time_s), self.time_s.shape
-        require(self.time_s.ndim == 1 and n, self.source, f"time_s of shape {shape}; give (T,) times [s]")
-        blocks = {name: getattr(self, name) for name in ("q", "u", "v") if getattr(self, name) is not None}
-        for name, value in blocks.items():
-            rows = value.ndim == 2 and len(value) == n and (name == "u" or value.shape[1] > 0)
-            rule = f"give ({n}, columns), one row a sample"
-            require(rows, self.source, f"{name} of shape {value.shape}; {rule}")
-        if self.v is not None:
-            rates = self.v.shape == self.q.shape
-            rule = f"give the rates of q, {self.q.shape}"
-            require(rates, self.source, f"v of shape {self.v.shape}; {rule}")
-        for name, value in (blocks | {"time_s": self.time_s}).items():
-            bad = np.argwhere(~np.isfinite(value))
-            if bad.size:
-                number, sample = value[tuple(bad[0])], bad[0][0]
-                raise ValueError(f"{self.source}: {name} is {number} at sample {sample}; give numbers")
+        object.__setattr__(self, "segments", complete_clips(self.segments, n, source=self.source))
+        require_increasing(time_s, source=self.source)
 
     @property
     def n(self) -> int:
