@@ -6,7 +6,6 @@ per second. Images are read in chunks, so memory holds little more than the uint
 """
 
 import math
-import os
 import re
 import warnings
 import zipfile
@@ -20,14 +19,14 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.files.atomic import StrPath, sha256_of
 from lagsplat.io.recording.recording import Recording
 
 CHUNK_BYTES = 2**24
 REPAIR = "fetch it again, or name another file with recording.path=FILE"
 
 
-def read_krauss_npz(path: str | os.PathLike[str], *, dt_s: float, expected_inputs: int) -> Recording:
+def read_krauss_npz(path: StrPath, *, dt_s: float, expected_inputs: int) -> Recording:
     """Read the NPZ archive at ``path`` as one clip with a frame every ``dt_s`` seconds.
 
     Floating-point images become uint8. Multiples of 1/255, as published, lose nothing; otherwise a warning

@@ -7,7 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, UInt8
+from jaxtyping import Bool, UInt8
 
 from lagsplat.video_quality import continuity
 from lagsplat.video_quality.camera_motion import CameraMotion, measure_path, track_background
@@ -140,7 +140,7 @@ class VideoAssessment:
 
 def assess_video(
     frames: UInt8[np.ndarray, "T H W 3"],
-    time_s: Float64[np.ndarray, " T"],
+    time_s: continuity.Times,
     thumbnails: Thumbnails,
     *,
     crop: Sequence[int] | None = None,
@@ -197,9 +197,7 @@ SHARE = 0.002  # of the still pixels must be outliers at once
 LARGEST = 0.5  # a foreign object stays at most this share of the video
 
 
-def find_foreign_object(
-    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
-) -> ForeignObject | None:
+def find_foreign_object(grey: continuity.Grey, time_s: continuity.Times) -> ForeignObject | None:
     """Find what covers still pixels at the start or end of a video, such as a hand that lets go.
 
     ``grey`` should be free of flicker. Where the system itself moves in mid-video no pixel is still, so a

@@ -8,6 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 from scipy.signal import periodogram
 
+Grey = Float32[np.ndarray, "T h w"]  # frames in grey, 0 to 255
+Times = Float64[np.ndarray, " T"]
+
 DARKEST, BRIGHTEST = 20.0, 245.0  # levels between which a camera responds linearly
 
 
@@ -19,7 +22,7 @@ class ExposureFlicker:
     frequency_hz: float
 
 
-def measure_exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndarray, " T"] | None:
+def measure_exposure_gain(grey: Grey) -> Float64[np.ndarray, " T"] | None:
     """Brightness of each frame relative to the median frame, on pixels that do not move; 1 is unchanged.
 
     Moving pixels are separated after a first estimate of the gain, so that flicker does not look like
@@ -36,9 +39,7 @@ def measure_exposure_gain(grey: Float32[np.ndarray, "T h w"]) -> Float64[np.ndar
     return values[:, still].mean(axis=1, dtype=np.float64) / usual[still].mean(dtype=np.float64)
 
 
-def find_exposure_flicker(
-    gain: Float64[np.ndarray, " T"], time_s: Float64[np.ndarray, " T"]
-) -> ExposureFlicker:
+def find_exposure_flicker(gain: Float64[np.ndarray, " T"], time_s: Times) -> ExposureFlicker:
     """Spread and dominant frequency of the gain from `measure_exposure_gain`."""
     even = np.linspace(time_s[0], time_s[-1], len(time_s))
     level, rate_hz = np.interp(even, time_s, gain), 1.0 / (even[1] - even[0])
@@ -62,7 +63,7 @@ class LoopRepeat:
     original_s: float
 
 
-def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]) -> LoopRepeat | None:
+def find_loop(grey: Grey, time_s: Times) -> LoopRepeat | None:
     """The longest stretch that repeats an earlier one to well within a step of the motion, or None.
 
     A strictly periodic motion, in whole frames and without noise, also counts as a repetition. Videos of
@@ -90,7 +91,7 @@ def find_loop(grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " 
     return repeat
 
 
-def _shrink(grey: Float32[np.ndarray, "T h w"], side: int) -> Float32[np.ndarray, "T n"]:
+def _shrink(grey: Grey, side: int) -> Float32[np.ndarray, "T n"]:
     """The pixels of each frame after averaging it to ``side`` x ``side``."""
     return np.stack([cv2.resize(f, (side, side), interpolation=cv2.INTER_AREA).ravel() for f in grey])
 
@@ -119,9 +120,7 @@ class SceneCut:
     ratio: float
 
 
-def find_scene_cuts(
-    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
-) -> tuple[SceneCut, ...]:
+def find_scene_cuts(grey: Grey, time_s: Times) -> tuple[SceneCut, ...]:
     """Jumps that the motion does not explain; ``grey`` should be free of flicker.
 
     A single bright or broken frame is no cut: the video goes on as before. A small object that jumps while
@@ -164,9 +163,7 @@ class SamplingRate:
     samples: float
 
 
-def measure_samples_per_period(
-    grey: Float32[np.ndarray, "T h w"], time_s: Float64[np.ndarray, " T"]
-) -> SamplingRate | None:
+def measure_samples_per_period(grey: Grey, time_s: Times) -> SamplingRate | None:
     """The period at which the leading principal components of the frames have most kinetic energy.
 
     Energy is power times squared frequency: a slow push may be large and still not be the motion. A small

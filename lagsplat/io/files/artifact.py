@@ -27,7 +27,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.io.files.atomic import StrPath, replace_atomically
 from lagsplat.provenance import stamp
 
 if TYPE_CHECKING:
@@ -48,8 +48,6 @@ DTYPES = {
     "U8": np.uint8,
     "BOOL": np.bool_,
 }
-
-StrPath = str | os.PathLike[str]
 
 
 def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str, Any]) -> None:
@@ -169,7 +167,7 @@ def _plain(value: Any) -> Any:
 M = TypeVar("M", bound="torch.nn.Module")
 
 
-def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> M:
+def restore_module(module: M, tensors: Mapping[str, np.ndarray], path: StrPath) -> M:
     """Load the ``tensors`` read from ``path`` into ``module`` and return it in evaluation mode.
 
     Raises:

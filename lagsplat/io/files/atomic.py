@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+StrPath = str | os.PathLike[str]
+
 
 @contextmanager
-def replace_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replace_atomically(path: StrPath) -> Iterator[Path]:
     """Yield a temporary sibling of ``path`` to write to; rename it to ``path`` if the block succeeds.
 
     On an error the temporary file is removed and ``path`` is unchanged. The sibling keeps the suffix of
@@ -54,7 +56,7 @@ def replace_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
+def write_text(path: StrPath, text: str) -> None:
     """Write ``text`` as UTF-8 to ``path``, atomically."""
     with replace_atomically(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
@@ -73,7 +75,7 @@ def _flush(path: Path) -> None:
         os.close(descriptor)
 
 
-def sha256_of(path: str | os.PathLike[str]) -> str:
+def sha256_of(path: StrPath) -> str:
     """SHA-256 of the file at ``path``, in hexadecimal."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -87,7 +89,7 @@ def sha256_of_arrays(*arrays: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) -> None:
+def save_csv(path: StrPath, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write rows under the column names of the first row; None is an empty cell.
 
     Raises:
@@ -101,12 +103,12 @@ def save_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) ->
         writer.writerows(rows)
 
 
-def save_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
+def save_json(path: StrPath, content: Mapping[str, Any]) -> None:
     """Write plain data, indented, so that two runs can be compared line by line."""
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
-def load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_json(path: StrPath) -> dict[str, Any]:
     """Read plain data written by `save_json`.
 
     Raises:
@@ -120,7 +122,7 @@ def load_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def load_inputs(
-    path: str | os.PathLike[str], *, dt_s: float
+    path: StrPath, *, dt_s: float
 ) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, "N n_u"]]:
     """Read inputs from a CSV with columns ``t`` [s], ``u0``, ``u1``, ..., interpolated every ``dt_s``.
 

@@ -5,14 +5,15 @@ deleted when the run ends. A resumed run continues exactly as if uninterrupted.
 """
 
 import logging
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
+from torch.nn import Module
+from torch.optim import Optimizer
 
-from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.io.files.atomic import StrPath, replace_atomically
 
 log = logging.getLogger(__name__)
 
@@ -21,12 +22,7 @@ P = TypeVar("P", bound=tuple[Any, ...])  # a row of a training curve; the first 
 
 
 def save_training_state(
-    path: Path | None,
-    model: torch.nn.Module,
-    optimizer: torch.optim.Optimizer,
-    curve: Sequence[P],
-    *,
-    identity: str,
+    path: Path | None, model: Module, optimizer: Optimizer, curve: Sequence[P], *, identity: str
 ) -> None:
     """Write the state of a training run at the last point of its curve; no path, no file."""
     points = [tuple(point) for point in curve]
@@ -36,12 +32,7 @@ def save_training_state(
 
 
 def load_training_state(
-    path: Path | None,
-    model: torch.nn.Module,
-    optimizer: torch.optim.Optimizer,
-    point: Callable[..., P],
-    *,
-    identity: str,
+    path: Path | None, model: Module, optimizer: Optimizer, point: Callable[..., P], *, identity: str
 ) -> list[P]:
     """Restore the state from :func:`save_training_state` if there is one; return the curve so far."""
     state = load_checkpoint(path, identity=identity) if path else None
@@ -79,7 +70,7 @@ def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
     return content["state"]
 
 
-def load_weights(path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_weights(path: StrPath) -> dict[str, Any]:
     """Load a ``.pt`` file without running code: numbers, text, dictionaries and tensors, on the CPU.
 
     Raises:

@@ -18,7 +18,7 @@ import requests
 from tqdm import tqdm
 
 from lagsplat.io.config import ArchiveConfig
-from lagsplat.io.files.atomic import replace_atomically, sha256_of
+from lagsplat.io.files.atomic import StrPath, replace_atomically, sha256_of
 
 CHUNK_BYTES = 2**16
 ATTEMPTS = 6
@@ -87,7 +87,7 @@ def _require_space(path: Path, needed: int) -> None:
         raise OSError(f"{path}: needs {needed} bytes, but the disk has {free} free; make room")
 
 
-def download(url: str, path: str | os.PathLike[str], *, sha256: str | None) -> Path:
+def download(url: str, path: StrPath, *, sha256: str | None) -> Path:
     """Download ``url`` to ``path``, resuming an earlier call, and check it; return ``path``.
 
     A file already at ``path`` is never changed: it is returned if ``sha256`` matches or is None, which checks

@@ -6,7 +6,6 @@ logarithms of standard deviations, opacity is a logit, rot a quaternion (w, x, y
 f_dc / sqrt(4 pi)``. SHARP adds elements of one property each with the camera (`SharpCloud`).
 """
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from jaxtyping import Float64
 from plyfile import PlyData, PlyElement, PlyParseError
 from scipy.spatial.transform import Rotation
 
-from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.io.files.atomic import StrPath, replace_atomically
 
 HARMONIC = float(np.sqrt(1 / (4 * np.pi)))  # the spherical harmonic of degree 0
 COLORS, SCALES, TURNS = (
@@ -51,7 +50,7 @@ class SharpCloud:
     height: int
 
 
-def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
+def read_sharp(path: StrPath) -> SharpCloud:
     """Read a frame that SHARP lifted.
 
     Raises:
@@ -70,12 +69,12 @@ def read_sharp(path: str | os.PathLike[str]) -> SharpCloud:
     return SharpCloud(_cloud(path, elements), float(lens[0]), width, height)
 
 
-def read_cloud(path: str | os.PathLike[str]) -> PlyCloud:
+def read_cloud(path: StrPath) -> PlyCloud:
     """Read the Gaussians of a PLY in the layout of 3D Gaussian Splatting; errors as `read_sharp`."""
     return _cloud(path, read_elements(path))
 
 
-def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
+def write_cloud(path: StrPath, cloud: PlyCloud) -> None:
     """Write a cloud in the layout of 3D Gaussian Splatting, atomically."""
     names = (*FIELDS[:3], *NORMALS, *FIELDS[3:])
     table = np.zeros(len(cloud.means), dtype=[(name, "<f4") for name in names])
@@ -93,7 +92,7 @@ def write_cloud(path: str | os.PathLike[str], cloud: PlyCloud) -> None:
         PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(temporary)
 
 
-def is_whole(path: str | os.PathLike[str]) -> bool:
+def is_whole(path: StrPath) -> bool:
     """Whether a PLY that another program is writing has all bytes that its header declares."""
     try:
         read_elements(path)
@@ -102,7 +101,7 @@ def is_whole(path: str | os.PathLike[str]) -> bool:
     return True
 
 
-def read_elements(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
+def read_elements(path: StrPath) -> dict[str, np.ndarray]:
     """Read every element of a PLY as a table with one column per property, mapped from the file.
 
     Raises:
@@ -115,7 +114,7 @@ def read_elements(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
         raise ValueError(f"{path}: not a whole PLY file ({error}); delete it and make it again") from error
 
 
-def _cloud(path: str | os.PathLike[str], elements: dict[str, np.ndarray]) -> PlyCloud:
+def _cloud(path: StrPath, elements: dict[str, np.ndarray]) -> PlyCloud:
     vertex = elements.get("vertex")
     names = () if vertex is None else vertex.dtype.names or ()
     if vertex is None or (missing := [name for name in FIELDS if name not in names]):

@@ -6,7 +6,6 @@ damaged file is read, with a warning of what is lost.
 """
 
 import difflib
-import os
 import warnings
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.files.atomic import StrPath, sha256_of
 from lagsplat.io.mcap import messages
 from lagsplat.io.mcap.images import CameraReader, image_kind
 from lagsplat.io.mcap.recovery import read_whole_messages
@@ -28,7 +27,7 @@ from lagsplat.video_quality.assessment import assess_video
 from lagsplat.video_quality.frames import FrameSettings
 
 
-def read_mcap(path: str | os.PathLike[str], topics: McapConfig, settings: FrameSettings) -> Recording:
+def read_mcap(path: StrPath, topics: McapConfig, settings: FrameSettings) -> Recording:
     """Read the recording in the MCAP file at ``path``.
 
     Dropped, each with a warning that counts them: repeated stamps, images that cannot be decoded, numbers
@@ -235,7 +234,7 @@ class McapSurvey:
     losses: tuple[str, ...]
 
 
-def survey_mcap(path: str | os.PathLike[str]) -> McapSurvey:
+def survey_mcap(path: StrPath) -> McapSurvey:
     """Summarise every topic of the file at ``path``, damaged or not, in one pass."""
     decoders, losses = messages.Decoders(), list[str]()
     topics: dict[str, TopicSummary] = {}

@@ -4,7 +4,6 @@ A log is cut short when its recorder is killed, and then has no index. So the in
 are read from the start up to the first incomplete one; of a cut chunk, whatever can be decompressed is read.
 """
 
-import os
 import struct
 from collections.abc import Callable, Iterator
 from io import BufferedReader, BytesIO
@@ -19,6 +18,8 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from lagsplat.io.files.atomic import StrPath
+
 MAGIC = b"\x89MCAP0\r\n"
 HEAD_BYTES = 9  # of a record: its type, and the number of bytes that follow
 PARTS: dict[str, Callable[[bytes], bytes]] = {
@@ -28,9 +29,7 @@ PARTS: dict[str, Callable[[bytes], bytes]] = {
 }  # decompressors by codec: return as much as a truncated stream gives
 
 
-def read_whole_messages(
-    path: str | os.PathLike[str], losses: list[str]
-) -> Iterator[tuple[Schema | None, Channel, Message]]:
+def read_whole_messages(path: StrPath, losses: list[str]) -> Iterator[tuple[Schema | None, Channel, Message]]:
     """Yield every intact message with its channel and schema, in file order.
 
     Each loss adds a sentence to ``losses``: bytes after the last intact record, and chunks whose checksum

@@ -7,7 +7,6 @@ nanosecond. Messages are in time order.
 
 import heapq
 import json
-import os
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.io.files.atomic import StrPath, replace_atomically
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 KIND = "session"
@@ -61,9 +60,7 @@ class ImageTopic:
     pictures: Iterable[np.ndarray]
 
 
-def save_session(
-    path: str | os.PathLike[str], log: SessionLog, *, pictures: Sequence[ImageTopic] = ()
-) -> None:
+def save_session(path: StrPath, log: SessionLog, *, pictures: Sequence[ImageTopic] = ()) -> None:
     """Write a session to a new file; `read_session` restores it exactly."""
     time_s = log.dt_s * np.arange(len(log.columns["q"]))
     meta = {"kind": KIND, "dt_s": log.dt_s, **log.meta}
@@ -75,7 +72,7 @@ def save_session(
     )
 
 
-def is_session(path: str | os.PathLike[str]) -> bool:
+def is_session(path: StrPath) -> bool:
     """Whether an MCAP file was written by `save_session`."""
     try:
         return _metadata(Path(path)).get("kind") == KIND
@@ -83,7 +80,7 @@ def is_session(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def read_session(path: str | os.PathLike[str]) -> SessionLog:
+def read_session(path: StrPath) -> SessionLog:
     """Read a session that `save_session` wrote.
 
     Raises:
@@ -105,7 +102,7 @@ def read_session(path: str | os.PathLike[str]) -> SessionLog:
     return SessionLog(dt_s, columns, meta)
 
 
-def read_session_motion(path: str | os.PathLike[str]) -> Trajectory:
+def read_session_motion(path: StrPath) -> Trajectory:
     """Read a session as a trajectory, for instance the sim of a diagnosis.
 
     Pushes are inputs, too: if there were any, ``push0, ...`` follow the recording's inputs.
@@ -161,7 +158,7 @@ class NumberTopic:
 
 
 def write_mcap(
-    path: str | os.PathLike[str],
+    path: StrPath,
     *,
     pictures: Sequence[ImageTopic],
     numbers: Sequence[NumberTopic],

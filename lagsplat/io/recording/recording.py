@@ -4,7 +4,6 @@ A recording is data, not a file: the readers beside this module make it, and `sa
 artifact of kind ``recording``. Frames may be a memory map, so a long recording costs nothing until used.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.io.files.artifact import load_artifact, save_artifact
+from lagsplat.io.files.atomic import StrPath
 from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
 KIND = "recording"
@@ -155,7 +155,7 @@ class Recording:
         return self.part(0, self.n_train), self.part(self.n_train, self.n_frames)
 
 
-def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
+def save_recording(path: StrPath, recording: Recording) -> None:
     """Save ``recording`` atomically as an artifact of kind ``recording``."""
     tensors = {"frames": recording.frames, "time_s": recording.time_s, "inputs": recording.inputs}
     if recording.states is not None:
@@ -172,7 +172,7 @@ def save_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     save_artifact(path, tensors, header)
 
 
-def load_recording(path: str | os.PathLike[str]) -> Recording:
+def load_recording(path: StrPath) -> Recording:
     """Load the recording at ``path``; frames are a read-only memory map."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("frames",))
     missing = {"frames", "time_s", "inputs"} - set(tensors)

@@ -1,25 +1,19 @@
 """Image sequences for external tools: write the D-NeRF layout, and read predicted frames."""
 
 import json
-import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from lagsplat.array_types import Frames
-from lagsplat.io.files.atomic import write_text
+from lagsplat.io.files.atomic import StrPath, write_text
 
 LISTING = "transforms_train.json"
 
 
 def write_dnerf(
-    folder: str | os.PathLike[str],
-    frames: Frames,
-    *,
-    n_train: int,
-    field_of_view_rad: float,
-    distance: float,
+    folder: StrPath, frames: Frames, *, n_train: int, field_of_view_rad: float, distance: float
 ) -> float:
     """Write frames as numbered PNGs with one listing; return the time of the train-test split.
 
@@ -49,7 +43,7 @@ def write_dnerf(
     return (n_train - 0.5) / (len(frames) - 1)
 
 
-def read_predicted(folder: str | os.PathLike[str], *, height: int, width: int, at_least: int) -> Frames:
+def read_predicted(folder: StrPath, *, height: int, width: int, at_least: int) -> Frames:
     """Read the PNGs ``00000.png``, ``00001.png``, ... of a folder, in order: uint8 (N, H, W, 3).
 
     Raises:

@@ -4,7 +4,6 @@ Images are rotated, stabilised, cropped, resized and checked one by one as they 
 in memory at full size. Crops are in coordinates of the rotated image.
 """
 
-import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from PIL import Image
 
-from lagsplat.io.files.atomic import replace_atomically, sha256_of
+from lagsplat.io.files.atomic import StrPath, replace_atomically, sha256_of
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.clips import VideoClip, find_clips
 from lagsplat.io.video.decode import (
@@ -46,7 +45,7 @@ class _Film:
     meta: dict[str, Any]
 
 
-def read_video(path: str | os.PathLike[str], settings: FrameSettings) -> Recording:
+def read_video(path: StrPath, settings: FrameSettings) -> Recording:
     """Read the video, folder of videos or folder of images at ``path``, without inputs.
 
     Each video of a folder is a clip. Times are those of the container; each later clip is shifted to start 1
@@ -185,7 +184,7 @@ def _warn_of_spacings(clips: Sequence[VideoClip], films: Sequence[_Film]) -> Non
 COLORS = 128
 
 
-def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
+def save_mp4(path: StrPath, pictures: Iterable[Picture], *, rate_hz: float) -> None:
     """Write RGB images of one size as an MPEG-4 video; an odd side loses its last pixel.
 
     Raises:
@@ -204,7 +203,7 @@ def save_mp4(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_
         writer.release()
 
 
-def save_gif(path: str | os.PathLike[str], pictures: Iterable[Picture], *, rate_hz: float) -> None:
+def save_gif(path: StrPath, pictures: Iterable[Picture], *, rate_hz: float) -> None:
     """Write RGB images as an animation that repeats for ever.
 
     Raises:
