@@ -76,66 +76,59 @@ class VideoAssessment:
     @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for each defect, with its numbers and the remedy."""
-        return (*self._of_the_camera(), *self._of_the_cut(), *self._of_the_clock())
+        camera, flicker, repeat, visit = self.camera, self.flicker, self.repeat, self.visit
+        sentences = []
+        if camera is not None and camera.rms_px > self.camera_limit_px:
+            sentences.append(
+                f"the camera moves by {camera.rms_px:.2f} px rms and up to {camera.max_px:.2f} px of the film "
+                f"(drift {camera.drift_px:.2f}, jitter {camera.jitter_px:.2f}), measured on the background; "
+                f"more than {self.camera_limit_px:.2f} px rms will be learned as motion of the system. Set "
+                "recording.stabilise=true, or film from a tripod"
+            )
+        if flicker is not None and flicker.rms_percent > FLICKER_PERCENT:
+            sentences.append(
+                f"the exposure flickers by {flicker.rms_percent:.1f} % rms, mostly at "
+                f"{flicker.frequency_hz:.2f} Hz; above {FLICKER_PERCENT:g} % colours change more than they are "
+                "learned to. Lock the camera's exposure, or cut to a steady part with recording.skip_s and "
+                "end_s"
+            )
+        for cut in self.cuts:
+            side = f"end_s={self.end_s:g}" if self._late(cut) else f"skip_s={self.skip_s:g}"
+            sentences.append(
+                f"the film jumps at {cut.time_s:.3f} s: that frame differs {cut.ratio:.1f} times as much as "
+                f"those around it. Keep one side: set recording.{side}"
+            )
+        if repeat is not None:
+            sentences.append(
+                f"the film repeats itself: from {repeat.start_s:.2f} s to {repeat.stop_s:.2f} s its frames are "
+                f"those from {repeat.original_s:.2f} s on, so that nothing new is held out. Set "
+                f"recording.end_s={self.end_s:g}"
+            )
+        stranger = "something that does not belong to the motion, a hand perhaps,"
+        if visit is not None and visit.gone_s is not None:
+            sentences.append(
+                f"{stranger} is in the picture until {visit.gone_s:.2f} s and covers up to "
+                f"{100 * visit.share:.1f} % of what is still later. Set recording.skip_s={self.skip_s:g}"
+            )
+        if visit is not None and visit.back_s is not None:
+            into = f"{stranger} comes into the picture at {visit.back_s:.2f} s"
+            sentences.append(f"{into}. Set recording.end_s={self.end_s:g}")
+        return (*sentences, *self._warn_of_few_samples())
 
     def _late(self, cut: continuity.SceneCut) -> bool:
         return cut.time_s > 0.5 * (self.start_s + self.stop_s)
 
-    def _of_the_camera(self) -> list[str]:
-        sentences = []
-        if self.camera is not None and self.camera.rms_px > self.camera_limit_px:
-            sentences.append(
-                f"the camera moves by {self.camera.rms_px:.2f} px rms and up to {self.camera.max_px:.2f} px "
-                f"of the film (drift {self.camera.drift_px:.2f}, jitter {self.camera.jitter_px:.2f}), "
-                f"measured on the background; more than {self.camera_limit_px:.2f} px rms will be learned as "
-                "motion of the system. Set recording.stabilise=true, or film from a tripod"
-            )
-        if self.flicker is not None and self.flicker.rms_percent > FLICKER_PERCENT:
-            sentences.append(
-                f"the exposure flickers by {self.flicker.rms_percent:.1f} % rms, mostly at "
-                f"{self.flicker.frequency_hz:.2f} Hz; above {FLICKER_PERCENT:g} % colours change more than "
-                "they are learned to. Lock the camera's exposure, or cut to a steady part with "
-                "recording.skip_s and end_s"
-            )
-        return sentences
-
-    def _of_the_cut(self) -> list[str]:
-        sentences = [
-            f"the film jumps at {cut.time_s:.3f} s: that frame differs {cut.ratio:.1f} times as much as "
-            "those around it. Keep one side: set recording."
-            + (f"end_s={self.end_s:g}" if self._late(cut) else f"skip_s={self.skip_s:g}")
-            for cut in self.cuts
-        ]
-        if self.repeat is not None:
-            sentences.append(
-                f"the film repeats itself: from {self.repeat.start_s:.2f} s to {self.repeat.stop_s:.2f} s "
-                f"its frames are those from {self.repeat.original_s:.2f} s on, so that nothing new is held "
-                f"out. Set recording.end_s={self.end_s:g}"
-            )
-        stranger = "something that does not belong to the motion, a hand perhaps,"
-        if self.visit is not None and self.visit.gone_s is not None:
-            sentences.append(
-                f"{stranger} is in the picture until {self.visit.gone_s:.2f} s and covers up to "
-                f"{100 * self.visit.share:.1f} % of what is still later. Set recording.skip_s={self.skip_s:g}"
-            )
-        if self.visit is not None and self.visit.back_s is not None:
-            into = f"{stranger} comes into the picture at {self.visit.back_s:.2f} s"
-            sentences.append(f"{into}. Set recording.end_s={self.end_s:g}")
-        return sentences
-
-    def _of_the_clock(self) -> list[str]:
+    def _warn_of_few_samples(self) -> list[str]:
         if self.sampling is None or self.sampling.samples >= SAMPLES:
             return []
-        found = f"{self.sampling.samples:.1f} frames a period of {self.sampling.period_s:.4g} s"
+        rate = f"only {self.sampling.samples:.1f} frames a period of {self.sampling.period_s:.4g} s"
         if self.sampling.samples < NYQUIST_SAMPLES:
             return [
-                f"only {found}, near the Nyquist limit of 2: the true motion may be faster than it looks. "
-                "Film with a higher frame rate; what is learned from this film cannot be trusted"
+                f"{rate}, near the Nyquist limit of 2: the true motion may be faster than it looks. Film with "
+                "a higher frame rate; what is learned from this film cannot be trusted"
             ]
-        return [
-            f"only {found}; velocities from so few are poor, and {SAMPLES:g} or more are wanted. "
-            "Film with a higher frame rate"
-        ]
+        poor = f"velocities from so few are poor, and {SAMPLES:g} or more are wanted"
+        return [f"{rate}; {poor}. Film with a higher frame rate"]
 
 
 def assess_video(
