@@ -80,17 +80,17 @@ class VideoAssessment:
         sentences = []
         if camera is not None and camera.rms_px > self.camera_limit_px:
             sentences.append(
-                f"the camera moves by {camera.rms_px:.2f} px rms and up to {camera.max_px:.2f} px of the film "
-                f"(drift {camera.drift_px:.2f}, jitter {camera.jitter_px:.2f}), measured on the background; "
-                f"more than {self.camera_limit_px:.2f} px rms will be learned as motion of the system. Set "
-                "recording.stabilise=true, or film from a tripod"
+                f"the camera moves by {camera.rms_px:.2f} px rms and up to {camera.max_px:.2f} px of the "
+                f"film (drift {camera.drift_px:.2f}, jitter {camera.jitter_px:.2f}), measured on the "
+                f"background; more than {self.camera_limit_px:.2f} px rms will be learned as motion of the "
+                "system. Set recording.stabilise=true, or film from a tripod"
             )
         if flicker is not None and flicker.rms_percent > FLICKER_PERCENT:
             sentences.append(
                 f"the exposure flickers by {flicker.rms_percent:.1f} % rms, mostly at "
-                f"{flicker.frequency_hz:.2f} Hz; above {FLICKER_PERCENT:g} % colours change more than they are "
-                "learned to. Lock the camera's exposure, or cut to a steady part with recording.skip_s and "
-                "end_s"
+                f"{flicker.frequency_hz:.2f} Hz; above {FLICKER_PERCENT:g} % colours change more than they "
+                "are learned to. Lock the camera's exposure, or cut to a steady part with recording.skip_s "
+                "and end_s"
             )
         for cut in self.cuts:
             side = f"end_s={self.end_s:g}" if self._late(cut) else f"skip_s={self.skip_s:g}"
@@ -100,8 +100,8 @@ class VideoAssessment:
             )
         if repeat is not None:
             sentences.append(
-                f"the film repeats itself: from {repeat.start_s:.2f} s to {repeat.stop_s:.2f} s its frames are "
-                f"those from {repeat.original_s:.2f} s on, so that nothing new is held out. Set "
+                f"the film repeats itself: from {repeat.start_s:.2f} s to {repeat.stop_s:.2f} s its frames "
+                f"are those from {repeat.original_s:.2f} s on, so that nothing new is held out. Set "
                 f"recording.end_s={self.end_s:g}"
             )
         stranger = "something that does not belong to the motion, a hand perhaps,"
@@ -124,8 +124,8 @@ class VideoAssessment:
         rate = f"only {self.sampling.samples:.1f} frames a period of {self.sampling.period_s:.4g} s"
         if self.sampling.samples < NYQUIST_SAMPLES:
             return [
-                f"{rate}, near the Nyquist limit of 2: the true motion may be faster than it looks. Film with "
-                "a higher frame rate; what is learned from this film cannot be trusted"
+                f"{rate}, near the Nyquist limit of 2: the true motion may be faster than it looks. Film "
+                "with a higher frame rate; what is learned from this film cannot be trusted"
             ]
         poor = f"velocities from so few are poor, and {SAMPLES:g} or more are wanted"
         return [f"{rate}; {poor}. Film with a higher frame rate"]
