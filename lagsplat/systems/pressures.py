@@ -35,12 +35,6 @@ def draw_random_band(
     return np.fft.irfft(spectrum, n=period, axis=0)[:n_frames]
 
 
-def _smooth_step(n_frames: int, *, start: int, length: int) -> Float64[np.ndarray, " n_frames"]:
-    """0 up to ``start``, 1 from ``start + length``, twice continuously differentiable between."""
-    x = np.clip((np.arange(n_frames) - start) / length, 0.0, 1.0)
-    return x**3 * (10 - 15 * x + 6 * x**2)
-
-
 def draw_pressures(config: SimulationConfig, *, generator: np.random.Generator) -> Series:
     """The true pressures at the frames [atm], one column per chamber.
 
@@ -49,12 +43,18 @@ def draw_pressures(config: SimulationConfig, *, generator: np.random.Generator) 
     ``hold_frames``; released within eight frames from frame ``n_frames - tail_frames`` on.
     """
     n, release = config.n_frames, config.n_frames - config.tail_frames
+
+    def step_up(start: int, length: int) -> Float64[np.ndarray, " n_frames"]:
+        """0 up to ``start``, 1 from ``start + length``, twice continuously differentiable between."""
+        x = np.clip((np.arange(n) - start) / length, 0.0, 1.0)
+        return x**3 * (10 - 15 * x + 6 * x**2)
+
     band_hz = (config.drive_low_hz, config.drive_high_hz)
     signal = draw_random_band(n, len(config.hold_atm), band_hz, dt_s=config.dt_s, generator=generator)
     drive = 0.5 * config.drive_max_atm * (1 + np.tanh(0.6 * signal))
-    start = _smooth_step(n, start=config.rest_frames, length=config.hold_frames)
-    hold = _smooth_step(n, start=release - config.hold_frames, length=config.hold_frames)
-    end = _smooth_step(n, start=release, length=RELEASE_FRAMES)
+    start = step_up(config.rest_frames, config.hold_frames)
+    hold = step_up(release - config.hold_frames, config.hold_frames)
+    end = step_up(release, RELEASE_FRAMES)
     blended = drive * (1 - hold)[:, None] + np.asarray(config.hold_atm) * hold[:, None]
     return blended * (start * (1 - end))[:, None]
 

@@ -1,12 +1,8 @@
 """Windows that a fitted model should not be judged by: novel motion, and outliers among its own recordings.
 
 A model that was identified from recordings is reliable only for motion that resembles them: its error in a
-sudden release, after slow drives alone, would be mistaken for a missing effect. `NoveltyDetector` compares
-windows with those of the simulator by simple features.
-
-An unrecorded disturbance, as a push by hand, in a simulator's own recordings spoils the whole fit. The window
-with the largest residual is then left out and the model is identified again (`drop_outlier_windows`); if the
-rest fits far better, the window was the outlier.
+sudden release, after slow drives alone, would be mistaken for a missing effect. And an unrecorded
+disturbance, as a push by hand, in a window of a simulator's own recordings spoils the whole fit.
 """
 
 from collections.abc import Callable
@@ -67,7 +63,7 @@ def window_features(
 def drop_outlier_windows(
     identified: IdentifiedModel, identify: Callable[[WindowSet], IdentifiedModel]
 ) -> tuple[IdentifiedModel, WindowSet]:
-    """Identify a model again without its worst windows, and keep it if the rest then fits far better.
+    """Identify a model again without its windows of largest residual, if the rest then fits far better.
 
     Returns:
         ``identified`` or the model without the outliers, and the windows that were left out.
@@ -91,7 +87,5 @@ def drop_outlier_windows(
 
 def compute_window_misfits(identified: IdentifiedModel) -> Float64[np.ndarray, " W"]:
     """Mean square residual of every window, in units of the noise."""
-    length: Int64[np.ndarray, " W"] = identified.windows.length
-    return np.array(
-        [float((row[:n] ** 2).mean()) for row, n in zip(identified.fit.residual, length, strict=True)]
-    )
+    windows = zip(identified.fit.residual, identified.windows.length, strict=True)
+    return np.array([float((residual[:n] ** 2).mean()) for residual, n in windows])

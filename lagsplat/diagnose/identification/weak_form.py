@@ -99,18 +99,12 @@ def build_regressors(
         add(("dry", i), at(i, np.tanh(v[:, i] / samples.width[i])))
     for i in range(d if structure.drag else 0):
         add(("drag", i), at(i, np.abs(v[:, i]) * v[:, i]))
-    rows = _integrate(samples, np.array(forces), np.array(momenta))
-    known = np.array([np.einsum("n,nd->d", rate, v[frames]) for frames, _, rate in samples.tests])
-    return rows.reshape(-1, len(names)), known.reshape(-1), names
-
-
-def _integrate(samples: WeakFormSamples, forces: np.ndarray, momenta: np.ndarray) -> np.ndarray:
-    """Integrals (T, d, K) of each column, given by forces and momenta (K, N, d), with each test function."""
-    rows = []
+    all_forces, all_momenta, rows, known = np.array(forces), np.array(momenta), [], []
     for frames, value, rate in samples.tests:
-        force = np.einsum("n,knd->dk", value, forces[:, frames])
-        rows.append(force + np.einsum("n,knd->dk", rate, momenta[:, frames]))
-    return np.array(rows)
+        column = np.einsum("n,knd->dk", value, all_forces[:, frames])
+        rows.append(column + np.einsum("n,knd->dk", rate, all_momenta[:, frames]))
+        known.append(np.einsum("n,nd->d", rate, v[frames]))
+    return np.array(rows).reshape(-1, len(names)), np.array(known).reshape(-1), names
 
 
 def build_model(

@@ -29,11 +29,6 @@ class Basis:
         """Number of functions, K."""
         return len(self.kind)
 
-    @property
-    def d(self) -> int:
-        """Number of coordinates."""
-        return len(self.centre)
-
     def first(self, k: int) -> "Basis":
         """The basis of the first ``k`` functions."""
         return replace(self, kind=self.kind[:k], order=self.order[:k])

@@ -298,10 +298,9 @@ def sum_symmetric(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
 
 def make_symmetric_basis(d: int) -> Float64[np.ndarray, "P d d"]:
     """A basis of the symmetric d x d matrices: a single one on the diagonal, or a pair beside it."""
-    pairs = [(i, j) for i in range(d) for j in range(i, d)]
-    matrices = np.zeros((len(pairs), d, d))
-    for n, (i, j) in enumerate(pairs):
-        matrices[n, i, j] = matrices[n, j, i] = 1.0
+    rows, columns = np.triu_indices(d)
+    matrices, index = np.zeros((len(rows), d, d)), np.arange(len(rows))
+    matrices[index, rows, columns] = matrices[index, columns, rows] = 1.0
     return matrices
 
 

@@ -202,7 +202,13 @@ def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions
     if potential is not None:
         measured = partial(_differentiate, potential, motion=q)
         if gradient is not None:
-            _check_gradient(gradient(q), measured(q), what)
+            given, expected = gradient(q), measured(q)
+            off = np.abs(given - expected).max() / max(np.abs(expected).max(), np.abs(given).max(), 1e-300)
+            if off > 1e-3:
+                raise ValueError(
+                    f"{what}: potential_gradient(q) is not the gradient of potential(q), off by "
+                    f"{100.0 * off:.2g} % of its largest value; check its sign and units"
+                )
         slope = gradient or measured
     if slope is None:
         raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
@@ -237,15 +243,6 @@ def _differentiate(potential: Callable[..., np.ndarray], q: np.ndarray, *, motio
         far = potential(q + 2.0 * h) - potential(q - 2.0 * h)
         columns.append((8.0 * near - far) / (12.0 * h.sum()))
     return np.stack(columns, axis=1)
-
-
-def _check_gradient(given: np.ndarray, measured: np.ndarray, what: str) -> None:
-    wrong = float(np.abs(given - measured).max() / max(np.abs(measured).max(), np.abs(given).max(), 1e-300))
-    if wrong > 1e-3:
-        raise ValueError(
-            f"{what}: potential_gradient(q) is not the gradient of potential(q) (off by {100.0 * wrong:.2g} "
-            "% of its largest value); check its sign and units"
-        )
 
 
 def _warn_if_active(projected: ProjectedModel, region: OperatingRegion, what: str) -> None:

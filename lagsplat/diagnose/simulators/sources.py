@@ -21,7 +21,6 @@ TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")  # suffixes of trajectory f
 VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
 """Kinds of sources that hold frames, and need an encoder to become a trajectory."""
-KINDS = ("trajectory", *VIDEO_KINDS, "run", "model", "mujoco", "python")  # all kinds of sources
 PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
 """Pattern of ``module:attribute`` and ``file.py:attribute``."""
 
@@ -30,7 +29,7 @@ PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.
 class DataSource:
     """A file, folder or Python object that ``sim`` or ``real`` names."""
 
-    kind: str  # one of `KINDS`
+    kind: str  # one of `VIDEO_KINDS`, or `trajectory`, `run`, `model`, `mujoco`, `python`
     path: str  # a path, or `module:attribute`
     inputs: str | None = None  # table of the inputs that belong to a video
 
@@ -171,7 +170,12 @@ def _classify(path: Path) -> DataSource:
         logs = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
         return DataSource("mcap" if suffix == ".mcap" else "video", name, str(logs[0]) if logs else None)
     if suffix == ".npz":
-        return DataSource("krauss" if "images.npy" in _list_members(path) else "trajectory", name)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                has_images = "images.npy" in archive.namelist()
+        except zipfile.BadZipFile as error:
+            raise ValueError(f"{path}: damaged or not an NPZ archive ({error}); write it again") from error
+        return DataSource("krauss" if has_images else "trajectory", name)
     if suffix == ".xml":
         return DataSource("mujoco", name)
     if suffix == ".safetensors":
@@ -183,11 +187,3 @@ def _classify(path: Path) -> DataSource:
         f"{path}: {suffix or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
         f"video ({', '.join(VIDEOS)}), a fitted run, a MuJoCo model (.xml) nor module:attribute"
     )
-
-
-def _list_members(path: Path) -> list[str]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except zipfile.BadZipFile as error:
-        raise ValueError(f"{path}: damaged or not an NPZ archive ({error}); write it again") from error
