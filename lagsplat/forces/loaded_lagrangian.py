@@ -112,9 +112,8 @@ class TorchLagrangian:
     def step(self, q: Vector, v: Vector, u: Input, load: Vector, *, dt_s: float) -> tuple[Vector, Vector]:
         """State and velocity [1/s] ``dt_s`` later under constant input and generalised force."""
         self.loaded.load = torch.from_numpy(load)
-        state, velocity = advance(
-            self.loaded, _row(q), _row(v * self.unit_s), _row(u), step=dt_s / self.unit_s, ready=self.ready
-        )
+        now = (_row(q), _row(v * self.unit_s), _row(u))
+        state, velocity = advance(self.loaded, *now, step=dt_s / self.unit_s, ready=self.ready)
         return state[0].numpy(), velocity[0].numpy() / self.unit_s
 
     @torch.no_grad()

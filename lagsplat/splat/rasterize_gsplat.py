@@ -40,10 +40,8 @@ def draw_gsplat(scene: GaussianSlice, height: int, width: int) -> Float[Tensor, 
         _, keys, order = gsplat.isect_tiles(splats.means, splats.radii, splats.depths, TILE_PX, across, down)
         offsets = gsplat.isect_offset_encode(keys, batch, across, down)
     look = (splats.means, splats.conics, splats.colors, splats.opacities)
-    backgrounds = scene.background.expand(batch, 3)
-    images, _ = gsplat.rasterize_to_pixels(
-        *look, width, height, TILE_PX, offsets, order, backgrounds=backgrounds
-    )
+    behind = scene.background.expand(batch, 3)
+    images, _ = gsplat.rasterize_to_pixels(*look, width, height, TILE_PX, offsets, order, backgrounds=behind)
     return images.permute(0, 3, 1, 2).contiguous()
 
 

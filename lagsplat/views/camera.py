@@ -153,7 +153,7 @@ class ViewSpace:
     def __post_init__(self) -> None:
         if not (self.depth > 0 and np.isfinite(self.depth)):
             raise ValueError(
-                f"the pivot lies {self.depth} ahead of the reference camera: give a positive depth"
+                f"the pivot is {self.depth} ahead of the reference camera: give a positive depth"
             )
 
     @property

@@ -66,10 +66,9 @@ class NovelViews:
 def require_views(views: NovelViews, frames: UInt8[np.ndarray, "T H W 3"]) -> None:
     """Raise a ValueError unless views have these frames' instants and the size of their reference camera."""
     count, height, width, _ = frames.shape
-    if len(views.images) != count:
-        raise ValueError(
-            f"novel views of {len(views.images)} instants for {count} frames: make them from this recording"
-        )
+    instants = len(views.images)
+    if instants != count:
+        raise ValueError(f"views of {instants} instants for {count} frames: make them from this recording")
     _require_size(views.space.reference, (height, width), "the views' reference camera", "the frames")
 
 

@@ -57,12 +57,6 @@ class _Rasterize(torch.autograd.Function):
         spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
         shared = torch.from_numpy(shared_grad.sum(0) if len(shared_grad) > 1 else shared_grad[0])
         transmittance = torch.from_numpy(ctx.state[:, 0])
-        return (
-            None,
-            None,
-            spots[..., :2],
-            torch.nn.functional.pad(shared[..., :3], (0, 2)),
-            spots[..., 2],
-            shared[..., 3:],
-            (grad * transmittance[:, None]).sum(dim=(0, 2, 3)),
-        )
+        slices_grad = torch.nn.functional.pad(shared[..., :3], (0, 2))
+        background_grad = (grad * transmittance[:, None]).sum(dim=(0, 2, 3))
+        return None, None, spots[..., :2], slices_grad, spots[..., 2], shared[..., 3:], background_grad

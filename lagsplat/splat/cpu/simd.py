@@ -60,11 +60,10 @@ def splat(typing, value):
 
     def build(context, builder, signature, arguments):
         scalar = context.cast(builder, arguments[0], signature.args[0], types.float32)
-        vector = builder.insert_element(
-            ir.Constant(_FLOATS, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
-        )
+        undefined, first = ir.Constant(_FLOATS, ir.Undefined), ir.Constant(ir.IntType(32), 0)
+        vector = builder.insert_element(undefined, scalar, first)
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-        return builder.shuffle_vector(vector, ir.Constant(_FLOATS, ir.Undefined), zeros)
+        return builder.shuffle_vector(vector, undefined, zeros)
 
     return lanes_t(value), build
 
@@ -170,9 +169,8 @@ def sum_lanes(typing, value):
 
     def build(context, builder, signature, arguments):
         kind = ir.FunctionType(ir.FloatType(), [ir.FloatType(), _FLOATS])
-        function = cgutils.get_or_insert_function(
-            builder.module, kind, f"llvm.vector.reduce.fadd.v{WIDTH}f32"
-        )
+        name = f"llvm.vector.reduce.fadd.v{WIDTH}f32"
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
         return builder.call(function, [ir.Constant(ir.FloatType(), 0.0), arguments[0]], fastmath=("reassoc",))
 
     return types.float32(lanes_t), build

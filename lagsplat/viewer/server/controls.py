@@ -127,7 +127,7 @@ class ControlPanel:
                 self.loop.submit(acts[buttons.value])
 
         clock = self.loop.clock
-        last = session.recorded.n_frames - 1
+        last = len(session.recorded.q) - 1
         self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, lambda s, value: setattr(clock, "speed", value))
         self._add_slider("Frame", (0, max(1, last), 1), 0, lambda s, value: s.to_frame(min(int(value), last)))
 

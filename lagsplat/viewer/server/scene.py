@@ -42,12 +42,11 @@ class SceneView:
     def __init__(
         self, session: Session, canvas: Canvas, *, read_frame: ReadFrame, residual: Residual
     ) -> None:
-        operating_point, recorded, server = session.operating_point, session.recorded, canvas.server
+        operating_point, server = session.operating_point, canvas.server
         self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual
         self.grasp_model, self.field = session.grasp_model, AccelerationField(operating_point)
         self.shown = dict.fromkeys(OVERLAYS, False)
-        swing = np.abs(recorded.v).max(0) if recorded.n_frames else np.ones(operating_point.law.d)
-        self.fastest = self.field.largest(swing)
+        self.fastest = self.field.largest(np.abs(session.recorded.v).max(0))
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.measured_s: float | None = None
         scene, (width, height) = server.scene, canvas.size

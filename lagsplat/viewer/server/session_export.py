@@ -75,10 +75,8 @@ def draw_drag_arrow(
     """Draw an arrow from ``place`` along ``drag`` [px of the training resolution, or at the pivot]."""
     drawn = frame.copy(order="C")
     ends = renderer.project_points(np.stack([place, place + drag]))
-    foot, tip = np.round(2**FRACTION_BITS * ends).astype(int)
+    foot, tip = np.round(2**FRACTION_BITS * ends).astype(int).tolist()
     thick = max(1, round(max(frame.shape) / 110))
     for color, width in (((0, 0, 0), thick + 2), (ARROW, thick)):
-        cv2.arrowedLine(
-            drawn, foot.tolist(), tip.tolist(), color, width, cv2.LINE_AA, shift=FRACTION_BITS, tipLength=0.25
-        )
+        cv2.arrowedLine(drawn, foot, tip, color, width, cv2.LINE_AA, shift=FRACTION_BITS, tipLength=0.25)
     return drawn

@@ -63,10 +63,8 @@ class EnergyBalance:
         displacement = after[0] - before[0]
         input_work = self.input_work
         if len(u):
-            zero = np.zeros_like(u)
-            start, end = (
-                law.conservative_force(q, u) - law.conservative_force(q, zero) for q, _ in (before, after)
-            )
+            force, zero = law.conservative_force, np.zeros_like(u)
+            start, end = (force(q, u) - force(q, zero) for q, _ in (before, after))
             input_work += float(0.5 * (start + end) @ displacement)
         hand_work = self.hand_work + float(load @ displacement)
         power = [float(law.dissipated_power(q, v)) for q, v in (before, after)]

@@ -94,11 +94,6 @@ class RecordedData:
     names: tuple[str, ...]
     units: tuple[str, ...]
 
-    @property
-    def n_frames(self) -> int:
-        """Number of recorded frames."""
-        return len(self.q)
-
     def next_frame(self, frame: int) -> int:
         """The next frame of the same clip; its first one after its last."""
         start, stop = next((a, b) for a, b in self.segments if a <= frame < b)

@@ -71,9 +71,7 @@ class RealtimeLoop:
         self.step_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
         self.frame_log: deque[tuple[float, int]] = deque(maxlen=LOGGED)
         bodies = {"dynamics": self._run_dynamics, "drawing": self._run_drawing}
-        self.threads = [
-            threading.Thread(target=body, name=name, daemon=True) for name, body in bodies.items()
-        ]
+        self.threads = [threading.Thread(target=run, name=name, daemon=True) for name, run in bodies.items()]
 
     def start(self) -> None:
         """Start both threads."""

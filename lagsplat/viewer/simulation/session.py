@@ -161,12 +161,11 @@ class Session:
         Raises:
             ValueError: the recording has no such frame.
         """
-        if not any(a <= frame < b for a, b in self.recorded.segments):
-            raise ValueError(
-                f"frame {frame} is not one of frames 0 to {self.recorded.n_frames - 1} of the recording"
-            )
-        self.u = self.recorded.u[frame].copy()
-        self._reset(self.recorded.q[frame].copy(), self.recorded.v[frame].copy(), frame)
+        recorded, last = self.recorded, len(self.recorded.q) - 1
+        if not any(a <= frame < b for a, b in recorded.segments):
+            raise ValueError(f"frame {frame} is none of the recording, which has the frames 0 to {last}")
+        self.u = recorded.u[frame].copy()
+        self._reset(recorded.q[frame].copy(), recorded.v[frame].copy(), frame)
 
     def replay(self, history: SessionHistory) -> None:
         """Repeat a history: from its first state, with its forces, inputs and edits.
@@ -203,9 +202,8 @@ class Session:
             raise ValueError(f"force={force} and moved_px={moved_px}: both must be positive numbers")
         along = self.last_push.force / np.linalg.norm(self.last_push.force)
         jacobian = self.last_push.grasp_point.jacobian.numpy()
-        self.kappa = fit_energy_scale(
-            self.operating_point, force * along @ jacobian, jacobian[None], moved_px * along[None]
-        )
+        load, moved = force * along @ jacobian, moved_px * along[None]
+        self.kappa = fit_energy_scale(self.operating_point, load, jacobian[None], moved)
         return self.kappa
 
     def step(self) -> None:

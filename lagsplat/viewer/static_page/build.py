@@ -73,8 +73,8 @@ def pack_page(session: Session) -> dict[str, Any]:
     law = make_fast_lagrangian(operating_point.law)
     if not isinstance(law, NumpyLagrangian):
         raise ValueError(
-            "the mass of this run is induced by its decoder: a page does not compute that; export a run "
-            "whose mass is learned or constant, or push this one with lagsplat view"
+            "a page computes no mass that the decoder induces: export another run, or push this one with "
+            "lagsplat view"
         )
     inputs = np.concatenate([recorded.u, operating_point.u.numpy()[None]])
     start, stop = max(recorded.segments, key=lambda clip: clip[1] - clip[0])

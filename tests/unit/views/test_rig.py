@@ -54,7 +54,7 @@ def test_cameras_project_as_opencv_does_but_for_the_half_pixel(tmp_path: Path) -
         (lambda rig: "{", "not JSON"),
         (lambda rig: rig | {"version": 2}, "not a rig of version 1"),
         (lambda rig: rig | {"reference": "back"}, r"'back' is none of the cameras \['front', 'left'\]"),
-        (lambda rig: rig | {"pivot_depth": -1}, "pivot lies -1.0 ahead of the reference camera"),
+        (lambda rig: rig | {"pivot_depth": -1}, "pivot is -1.0 ahead of the reference camera"),
         (lambda rig: rig | {"cameras": rig["cameras"][:1]}, "is the only camera"),
         (lambda rig: rig | {"cameras": 2 * rig["cameras"]}, "give each a name of its own"),
         ({"K": [[1, 2], [3, 4]]}, "needs K and R of 3 x 3"),
