@@ -71,15 +71,14 @@ def compute_excess_error(
     excess = np.mean(by_frame, axis=0)
     centre = np.median(excess)
     spread = 1.4826 * np.median(np.abs(excess - centre))
-    numbers, count = label(
-        excess > centre + max(IMAGES.pixel_z * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
-    )
-    total = np.maximum(excess, 0.0).sum()
+    least = max(IMAGES.pixel_z * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
+    numbers, count = label(excess > centre + least)
+    positive = np.maximum(excess, 0.0)
     parts = []
     for number in range(1, count + 1):
         rows, columns = np.nonzero(numbers == number)
         if len(rows) >= IMAGES.min_region_pixels:
-            share = float(np.maximum(excess, 0.0)[rows, columns].sum() / total)
+            share = float(positive[rows, columns].sum() / positive.sum())
             left, right = int(columns.min()), int(columns.max()) + 1
             parts.append((left, int(rows.min()), right, int(rows.max()) + 1, share))
     parts.sort(key=lambda part: -part[4])
@@ -111,11 +110,11 @@ def localize_force(
     if not total > 0.0:
         raise ValueError("the residual force is zero throughout: there is nothing to place in the image")
     best, laws, forces = [], [], []
+    constant = np.broadcast_to(np.eye(2), (len(force), 2, 2))
     for p in range(jacobian.shape[1]):
-        fits = [
-            _fit_law(force, weight, jacobian[:, p], columns)
-            for columns in _compute_law_columns(np.einsum("tac,ta->tc", jacobian[:, p], velocity))
-        ]
+        moved = np.einsum("tac,ta->tc", jacobian[:, p], velocity)
+        drag = np.stack([moved, np.linalg.norm(moved, axis=1, keepdims=True) * moved], axis=2)
+        fits = [_fit_law(force, weight, jacobian[:, p], columns) for columns in (constant, drag)]
         number = int(np.argmin([error for error, _ in fits]))
         best.append(1.0 - fits[number][0] / total)
         laws.append(FORCE_LAWS[number])
@@ -149,27 +148,16 @@ def describe_image_region(
     return region
 
 
-def _compute_law_columns(velocity: Float64[np.ndarray, "T 2"]) -> list[Float64[np.ndarray, "T 2 k"]]:
-    """Force columns (T, 2, k) of each law for a point of this velocity; a force is a sum of one law's."""
-    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    still = np.broadcast_to(np.eye(2), (len(velocity), 2, 2))
-    return [still, np.stack([velocity, speed * velocity], axis=2)]
-
-
 def _fit_law(
     force: np.ndarray, weight: np.ndarray, jacobian: np.ndarray, columns: np.ndarray
 ) -> tuple[float, Float64[np.ndarray, "T 2"]]:
-    """Fit a sum of ``columns``, acting through ``jacobian``, to the generalised forces.
-
-    Returns:
-        The whitened squared error and the fitted force (T, 2).
-    """
+    """Whitened squared error and fitted force of the best sum of ``columns`` (T, 2, k) at one point."""
     generalised = np.einsum("tac,tck->tak", jacobian, columns)
     size = np.sqrt(np.mean(generalised**2, axis=(0, 1)))
-    generalised = generalised / np.where(size > 0.0, size, 1.0)
+    size = np.where(size > 0.0, size, 1.0)
+    generalised = generalised / size
     gram = np.einsum("tak,tab,tbl->kl", generalised, weight, generalised)
     moment = np.einsum("tak,tab,tb->k", generalised, weight, force)
     solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
     error = force - generalised @ solution
-    solution = solution / np.where(size > 0.0, size, 1.0)
-    return float(np.einsum("ta,tab,tb->", error, weight, error)), columns @ solution
+    return float(np.einsum("ta,tab,tb->", error, weight, error)), columns @ (solution / size)

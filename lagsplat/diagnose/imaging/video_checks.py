@@ -1,8 +1,4 @@
-"""Checks of a recording's images, and the settings by which another recording is read like the run's own.
-
-A camera that moved, cuts, foreign objects in view and repeated takes limit what a diagnosis of images can
-say.
-"""
+"""Checks of a recording's images, and the settings by which another recording is read like the run's own."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,8 +22,6 @@ from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.video_quality.assessment import CAMERA_PX
 from lagsplat.video_quality.camera_motion import measure_path, track_background
 from lagsplat.video_quality.frames import make_small_grey
-
-CAMERA_MOVED_CHECK = "camera moved"
 
 
 @dataclass(frozen=True)
@@ -53,12 +47,6 @@ class CameraShift:
         """Whether the camera is known to have stood where it was for the nominal recording."""
         return self.between_px is not None and float(np.hypot(*self.between_px)) <= CAMERA_PX
 
-    @property
-    def moved(self) -> bool:
-        """Whether the camera moved measurably, during the recording or since the nominal one."""
-        far = [self.within_px or 0.0, float(np.hypot(*(self.between_px or (0.0, 0.0))))]
-        return max(far) > CAMERA_PX
-
 
 def measure_camera_shift(
     recording: Recording, nominal: Recording, autoencoder: Autoencoder, chart: Chart
@@ -73,25 +61,21 @@ def measure_camera_shift(
 
 def check_camera(shift: CameraShift, *, source: str) -> list[Finding]:
     """Report a camera that moved; no finding where it stood still or cannot be measured."""
-    if not shift.moved:
-        return []
     motions = []
-    if (shift.within_px or 0.0) > CAMERA_PX:
+    if shift.within_px is not None and not shift.still_within:
         motions.append(f"by {shift.within_px:.2f} px rms during the recording")
-    if shift.between_px is not None and float(np.hypot(*shift.between_px)) > CAMERA_PX:
+    if shift.between_px is not None and not shift.still_between:
         x, y = shift.between_px
         motions.append(f"by ({x:+.2f}, {y:+.2f}) px since the recording the sim was learnt from")
-    return [
-        Finding(
-            "warn",
-            CAMERA_MOVED_CHECK,
-            source,
-            f"the camera moved {' and '.join(motions)} (pixels of a frame, measured on the background)",
-            f"the encoder reads such a shift as motion of up to {100 * shift.share:.2g} % of the motion's "
-            "spread, which passes for a force or an offset",
-            "film from a tripod that stays where it is, or fit the run with recording.stabilise=true",
-        )
-    ]
+    if not motions:
+        return []
+    what = f"the camera moved {' and '.join(motions)} (pixels of a frame, measured on the background)"
+    why = (
+        f"the encoder reads such a shift as motion of up to {100 * shift.share:.2g} % of the motion's "
+        "spread, which passes for a force or an offset"
+    )
+    remedy = "film from a tripod that stays where it is, or fit the run with recording.stabilise=true"
+    return [Finding("warn", "camera moved", source, what, why, remedy)]
 
 
 def drop_unusable_frames(recording: Recording) -> tuple[Recording, list[Finding]]:
@@ -119,13 +103,11 @@ def _select_pieces(
     """What of a clip is kept; times in ``assessment`` count from the first frame of the video."""
     start, stop = clip
     video_time_s = time_s[start:stop] - time_s[start] + assessment["start_s"]
-    repeat, visitor = assessment["repeat"], assessment["visit"]
-    ends = [repeat["start_s"] if repeat else None, visitor["back_s"] if visitor else None]
-    begins = [visitor["gone_s"] if visitor else None]
-    stop = start + int(np.sum(video_time_s < min([end for end in ends if end is not None], default=np.inf)))
-    start += int(
-        np.sum(video_time_s < max([begin for begin in begins if begin is not None], default=-np.inf))
-    )
+    repeat, visit = assessment["repeat"] or {}, assessment["visit"] or {}
+    ends_s = [end_s for end_s in (repeat.get("start_s"), visit.get("back_s")) if end_s is not None]
+    stop = start + int(np.sum(video_time_s < min(ends_s, default=np.inf)))
+    if visit.get("gone_s") is not None:
+        start += int(np.sum(video_time_s < visit["gone_s"]))
     cuts = [clip[0] + int(np.searchsorted(video_time_s, cut["time_s"] - 1e-6)) for cut in assessment["cuts"]]
     borders = [start, *(cut for cut in sorted(cuts) if start < cut < stop), stop]
     kept = [(a, b) for a, b in pairwise(borders) if b - a >= VIDEO_CHECKS.min_clip_frames]
@@ -140,28 +122,18 @@ def _report_clip(assessment: Mapping[str, Any], source: str) -> list[Finding]:
         findings.append(Finding("warn", check, source, what, why, remedy))
 
     for cut in assessment["cuts"]:
-        add(
-            "cut",
-            f"the film jumps at {cut['time_s']:.3f} s",
-            "nothing is continued across a cut",
-            "give the takes as films of their own",
-        )
+        what = f"the film jumps at {cut['time_s']:.3f} s"
+        add("cut", what, "nothing is continued across a cut", "give the takes as films of their own")
     if repeat := assessment["repeat"]:
+        what = f"the film repeats itself from {repeat['start_s']:.2f} s on"
         add(
-            "repetition",
-            f"the film repeats itself from {repeat['start_s']:.2f} s on",
-            "what was seen before says nothing new, and is left out",
-            "cut the film there",
+            "repetition", what, "what was seen before says nothing new, and is left out", "cut the film there"
         )
     for when, edge in (("until", "gone_s"), ("from", "back_s")):
         if (visit := assessment["visit"]) and visit[edge] is not None:
-            add(
-                "visitor",
-                f"something that does not belong to the motion, a hand perhaps, is in the picture "
-                f"{when} {visit[edge]:.2f} s",
-                "that part is left out",
-                "cut it off",
-            )
+            foreign = "something that does not belong to the motion, a hand perhaps,"
+            what = f"{foreign} is in the picture {when} {visit[edge]:.2f} s"
+            add("visitor", what, "that part is left out", "cut it off")
     for check, word, begins in (
         ("flicker", "Lock the camera's exposure", "the exposure flickers"),
         ("sampling", "Film with a higher frame rate", "only "),
