@@ -15,14 +15,10 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Feedback:
-    """Signs of a controller in one input; NaN where the data cannot show them.
+    """Signs of a controller in one input; NaN where the data cannot show them."""
 
-    ``error_share`` is the share of the input's noise that earlier measurement noise explains,
-    ``static_share`` the share of the input that is a function of position and rate.
-    """
-
-    error_share: float
-    static_share: float
+    error_share: float  # of the input's noise that earlier measurement noise explains
+    static_share: float  # of the input that is a function of position and rate
 
 
 def measure_feedback(motion: Trajectory, *, channel: int, period_s: float) -> Feedback:
@@ -71,8 +67,7 @@ def _is_rough(values: np.ndarray) -> bool:
 
 def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) -> float:
     """Share of ``target`` that ``columns`` explain beyond ``given``; zero where chance explains as much."""
-    base = np.linalg.qr(given / np.maximum(np.linalg.norm(given, axis=0), 1e-300))[0]
-    rest, free = target - base @ (base.T @ target), columns - base @ (base.T @ columns)
+    rest, free = _remove_span(given, target, columns)
     size = float(rest @ rest)
     if size <= 0.0 or np.linalg.norm(free) == 0.0:
         return 0.0
@@ -160,15 +155,19 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
 
 def _explain_beyond_state(inputs: np.ndarray, state: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Share of what ``state`` (n, k) leaves of ``target`` (n, d) that each of ``inputs`` (S, n, m) adds."""
-    basis = np.linalg.qr(state / np.maximum(np.linalg.norm(state, axis=0), 1e-300))[0]
-    rest = target - basis @ (basis.T @ target)
+    rest, *remaining = _remove_span(state, target, *inputs)
     size = np.maximum((rest**2).sum(axis=0), 1e-300)
     shares = []
-    for columns in inputs:
-        free = columns - basis @ (basis.T @ columns)
+    for free in remaining:
         fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
         shares.append(float(((fitted**2).sum(axis=0) / size).mean()))
     return np.array(shares)
+
+
+def _remove_span(given: np.ndarray, *arrays: np.ndarray) -> list[np.ndarray]:
+    """What of each of ``arrays`` no combination of the columns ``given`` (n, k) explains."""
+    basis = np.linalg.qr(given / np.maximum(np.linalg.norm(given, axis=0), 1e-300))[0]
+    return [array - basis @ (basis.T @ array) for array in arrays]
 
 
 def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:

@@ -71,13 +71,9 @@ class RolloutModel:
         starts: Float64[np.ndarray, "P W s"],
         windows: WindowSet,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Measured coordinates and their rates, (P, W, L, d) each.
+        """Measured coordinates and their rates, (P, W, L, d) each, from the initial states ``starts``.
 
-        Args:
-            effects: the effects of the hypothesis.
-            x: unknowns of the effects, one after another, then the nuisance parameters.
-            starts: initial states of the windows.
-            windows: frames to roll out.
+        ``x`` are the unknowns of the effects, one after another, then the nuisance parameters.
         """
         placed, at = [], 0
         for part in (part for effect in effects for part in effect.parts or (effect,)):

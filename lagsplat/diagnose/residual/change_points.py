@@ -61,10 +61,9 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
         inside[first : last + 1] = square[first : last + 1]
         share = float(weights[number] @ inside) / total
         events.append(ResidualEvent(number, float(time_s[first]), float(time_s[last]), share))
-    events = [
-        event for event in _bridge_events(events, period_s) if event.share >= CHANGE_POINTS.min_energy_share
-    ]
-    return sorted(events, key=lambda event: -event.share)[: CHANGE_POINTS.max_events]
+    bridged = sorted(_bridge_events(events, period_s), key=lambda event: -event.share)
+    large = [event for event in bridged if event.share >= CHANGE_POINTS.min_energy_share]
+    return large[: CHANGE_POINTS.max_events]
 
 
 def compute_sample_weights(estimate: LatentForceEstimate) -> Float64[np.ndarray, " T"]:

@@ -112,12 +112,9 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
     def value(names: Sequence[str]) -> float:
         return fit.score(np.concatenate([columns[name] for name in names])) if names else 0.0
 
-    values = {
-        frozenset(names): value(names)
-        for count in range(len(present) + 1)
-        for names in combinations(present, count)
-    }
     n = len(present)
+    subsets = [names for count in range(n + 1) for names in combinations(present, count)]
+    values = {frozenset(names): value(names) for names in subsets}
     shares = dict.fromkeys(FEATURE_GROUPS, 0.0)
     for name in present:
         others = [other for other in present if other != name]

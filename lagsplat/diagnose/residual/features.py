@@ -66,22 +66,18 @@ def compute_features(
     groups = []
     for i in range(mechanics.d):
         other = np.arange(mechanics.d) != i
+        place, rate = position[:, i], velocity[:, i]
         members = {
-            "inertial": np.stack([simulated[:, i], position[:, i] * simulated[:, i]], axis=1),
-            "conservative": np.concatenate(
-                [_compute_restoring_columns(position[:, i]), position[:, other]], axis=1
-            ),
-            "dissipative": np.concatenate(
-                [_compute_resisting_columns(velocity[:, i], position[:, i]), velocity[:, other]], axis=1
-            ),
-            "actuation": actuated,
-            "exogenous": np.concatenate([outside, _compute_drifting_column(elapsed, position[:, i])], axis=1),
-            "memory": lagged[:, :n_lagged],
+            "inertial": [np.stack([simulated[:, i], place * simulated[:, i]], axis=1)],
+            "conservative": [_compute_restoring_columns(place), position[:, other]],
+            "dissipative": [_compute_resisting_columns(rate, place), velocity[:, other]],
+            "actuation": [actuated],
+            "exogenous": [outside, _compute_drifting_column(elapsed, place)],
+            "memory": [lagged[:, :n_lagged]],
         }
-        groups.append({name: matrix[picked] for name, matrix in members.items()})
-    return ResidualFeatures(
-        picked, residual[picked], 1.0 / np.maximum(variance[picked], 1e-300), fold[picked], tuple(groups)
-    )
+        groups.append({name: np.concatenate(parts, axis=1)[picked] for name, parts in members.items()})
+    weight = 1.0 / np.maximum(variance[picked], 1e-300)
+    return ResidualFeatures(picked, residual[picked], weight, fold[picked], tuple(groups))
 
 
 def compute_input_rates(estimate: LatentForceEstimate) -> Float64[np.ndarray, "T n_u"]:

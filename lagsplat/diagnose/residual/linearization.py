@@ -58,10 +58,8 @@ def linearize_steps(
     """
     d = mechanics.d
     inertia = compute_rest_inertia(mechanics)
-    response = np.stack(
-        [np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in (path.q, path.middle, path.end)],
-        axis=1,
-    )
+    along = (path.q, path.middle, path.end)
+    response = np.stack([np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in along], axis=1)
     accelerations = np.einsum("sjab,sjb->sja", response, path.r)
     state = np.concatenate([path.q, path.v], axis=1)
     eps = DIFFERENCE_STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
@@ -113,19 +111,15 @@ def _integrate_steps(
     part = (path.h / count)[:, None]
 
     def at(values: np.ndarray, phase: float) -> np.ndarray:
-        first, middle, last = values[:, 0], values[:, 1], values[:, 2]
-        return (
-            first * (1 - phase) * (1 - 2 * phase)
-            + middle * 4 * phase * (1 - phase)
-            + last * phase * (2 * phase - 1)
-        )
+        first = values[:, 0] * (1 - phase) * (1 - 2 * phase)
+        middle = values[:, 1] * 4 * phase * (1 - phase)
+        return first + middle + values[:, 2] * phase * (2 * phase - 1)
 
     def slope(x: np.ndarray, phase: float) -> np.ndarray:
         q, v = x[..., :d], x[..., d:]
         inputs = np.broadcast_to(at(path.u, phase), (*x.shape[:-1], path.u.shape[-1]))
         rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
-        flat = (values.reshape(rows, values.shape[-1]) for values in (q, v, inputs))
-        acceleration = mechanics.acceleration(*flat)
+        acceleration = mechanics.acceleration(*(x.reshape(rows, x.shape[-1]) for x in (q, v, inputs)))
         return np.concatenate([v, acceleration.reshape(q.shape) + at(outside, phase)], axis=-1)
 
     for step in range(count):

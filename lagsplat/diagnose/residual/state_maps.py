@@ -141,15 +141,8 @@ def _select_regions(
         for axis, edges in ((1, state_map.position_edges), (0, state_map.velocity_edges)):
             bins = np.flatnonzero(inside.any(axis=axis))
             bounds.append((float(edges[bins[0]]), float(edges[bins[-1] + 1])))
-        position, velocity = bounds
-        regions.append(
-            StateRegion(
-                coordinate=state_map.coordinate,
-                position=position,
-                velocity=None if len(state_map.velocity_edges) == 2 else velocity,
-                mean=float(np.mean(state_map.mean[inside])),
-                share=float(share[inside].sum()),
-                p=float(p),
-            )
-        )
+        position, velocity = bounds[0], None if len(state_map.velocity_edges) == 2 else bounds[1]
+        mean, inner_share = float(np.mean(state_map.mean[inside])), float(share[inside].sum())
+        region = StateRegion(state_map.coordinate, position, velocity, mean, inner_share, float(p))
+        regions.append(region)
     return regions
