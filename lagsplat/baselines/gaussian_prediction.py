@@ -25,9 +25,9 @@ def predict_frames(
 ) -> UInt8[np.ndarray, "N H W 3"]:
     """Predicted frames from the first held-out one on: at least as many as are held out.
 
-    With ``config.frames`` they are read from that folder. Otherwise the clip, of which the first ``n_train``
-    frames are for training, is written in the layout that the tool reads, the tool is trained and predicts
-    freely, beginning with the held-out frames. ``place`` is a folder for its files, ``say`` reports progress.
+    With ``config.frames`` they are read from that folder. Otherwise the tool is trained on the first
+    ``n_train`` frames and predicts freely, beginning with the held-out ones. ``place`` is a folder for its
+    files, ``say`` reports progress.
 
     Raises:
         FileNotFoundError, ValueError: no checkout or folder, submodules not fetched, or predicted frames of
@@ -44,26 +44,22 @@ def predict_frames(
     model = place.resolve() / "d-nerf" / "model"  # the tool reads D-NeRF data only where the path says so
     camera = {"field_of_view_rad": config.field_of_view_rad, "distance": config.distance}
     max_time = write_dnerf(data, frames, n_train=n_train, **camera)
-    for command in (
-        make_train_command(config, data=data, model=model, max_time=max_time),
-        make_forecast_command(config, model=model, max_time=max_time, free=False),
-        make_forecast_command(config, model=model, max_time=max_time, free=True),
-    ):
+    commands = [make_train_command(config, data=data, model=model, max_time=max_time)]
+    for free in (False, True):
+        commands.append(make_forecast_command(config, model=model, max_time=max_time, free=free))
+    for command in commands:
         say(" ".join(command))
         run_tool(command, checkout=checkout)
-    read_predicted(find_predicted_folder(config, model, free=False), **wanted)
-    return read_predicted(find_predicted_folder(config, model, free=True), **wanted)
+    written = f"ours_{config.iterations}/renders"
+    read_predicted(model / EXPERIMENT / "[metrics]Predicted_by_GCN_on_test_views" / written, **wanted)
+    return read_predicted(model / EXPERIMENT / "Predicted_more_by_GCN" / written / "view0", **wanted)
 
 
 log = logging.getLogger(__name__)
 PROGRAMS = ("train.py", "train_GCN.py", "scene/dataset_readers.py")
-SUBMODULES = (
-    "submodules/simple-knn",
-    "submodules/diff-gaussian-rasterization-w-depth",
-    "submodules/FRNN",
-)
-KEY_POINTS = ("--max_points", "100", "--adaptive_points_num", "100")
-SHARED = ("--time_freq", "6", "--nearest_num", "6", "--feature_amplify", "0.5", "--norm_rotation")
+SUBMODULES = ("submodules/simple-knn", "submodules/diff-gaussian-rasterization-w-depth", "submodules/FRNN")
+KEY_POINTS = "--max_points 100 --adaptive_points_num 100"
+SHARED = "--time_freq 6 --nearest_num 6 --feature_amplify 0.5 --norm_rotation"
 EXPERIMENT = "lagsplat"
 ASK_CUDA = "import torch; print(torch.__version__, torch.version.cuda, torch.cuda.is_available())"
 
@@ -110,17 +106,14 @@ def check_cuda(python: str) -> str:
 
 def make_train_command(config: AuthorsConfig, *, data: Path, model: Path, max_time: float) -> list[str]:
     """The command that trains Gaussians, motion and key points; ``max_time`` ends the training part."""
-    steps = str(config.iterations)
-    return [
-        *_program(config, "train.py"),
-        *("-s", str(data), "-m", f"{model}/", "--eval", "--seed", "1"),
-        *KEY_POINTS,
-        *("--iterations", steps, "--test_iterations", steps, "--jointly_iteration", "1000"),
-        *("--save_iterations", "29999", steps, "--checkpoint_iterations", "29999", steps),
-        *("--densify_from_iter", "3000", "--densify_until_iter", "20000", "--position_lr_max_steps", "40000"),
-        *("--adaptive_from_iter", "3000", "--adaptive_interval", "500", "--max_time", repr(max_time)),
-        *SHARED,
-    ]
+    steps = config.iterations
+    options = (
+        f"--eval --seed 1 {KEY_POINTS} --iterations {steps} --test_iterations {steps} "
+        f"--jointly_iteration 1000 --save_iterations 29999 {steps} --checkpoint_iterations 29999 {steps} "
+        "--densify_from_iter 3000 --densify_until_iter 20000 --position_lr_max_steps 40000 "
+        f"--adaptive_from_iter 3000 --adaptive_interval 500 --max_time {max_time!r} {SHARED}"
+    )
+    return [*_program(config, "train.py"), "-s", str(data), "-m", f"{model}/", *options.split()]
 
 
 def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float, free: bool) -> list[str]:
@@ -128,23 +121,13 @@ def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float
 
     The settings of the training are repeated: the tool would use its defaults, not what it was trained with.
     """
-    freely = ("--evaluate", "--predict_more", "--frames", str(config.free_frames), "--cam_id", "0")
-    return [
-        *_program(config, "train_GCN.py"),
-        *("-m", f"{model}/", "--ckpt_iteration", str(config.iterations), "--max_time", repr(max_time)),
-        *KEY_POINTS,
-        *("--num_stage", "6", "--noise_step", "100", "--noise_init", "0", "--input_size", "10"),
-        *("--epoch", str(config.epochs), "--exp_name", EXPERIMENT),
-        *SHARED,
-        *(freely if free else ("--metrics",)),
-    ]
-
-
-def find_predicted_folder(config: AuthorsConfig, model: Path, *, free: bool) -> Path:
-    """The folder in which the tool writes its predicted frames."""
-    kind = "Predicted_more_by_GCN" if free else "[metrics]Predicted_by_GCN_on_test_views"
-    images = "renders/view0" if free else "renders"
-    return model / EXPERIMENT / kind / f"ours_{config.iterations}" / images
+    mode = f"--evaluate --predict_more --frames {config.free_frames} --cam_id 0" if free else "--metrics"
+    options = (
+        f"--ckpt_iteration {config.iterations} --max_time {max_time!r} {KEY_POINTS} --num_stage 6 "
+        f"--noise_step 100 --noise_init 0 --input_size 10 --epoch {config.epochs} --exp_name {EXPERIMENT} "
+        f"{SHARED} {mode}"
+    )
+    return [*_program(config, "train_GCN.py"), "-m", f"{model}/", *options.split()]
 
 
 def run_tool(command: Sequence[str], *, checkout: Path) -> None:

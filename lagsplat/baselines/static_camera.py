@@ -1,9 +1,8 @@
 """Run a program of the GaussianPrediction checkout on a scene of one fixed camera.
 
 The tool takes the scene's extent from the distances between cameras. With one camera it is zero: step sizes
-of places would vanish and all points would count as too large. This wrapper leaves the checkout unchanged
-and returns a given extent instead. The tool's own interpreter runs it from the checkout, as ``python
-static_camera.py EXTENT PROGRAM ARGUMENTS``; it needs nothing else.
+of places would vanish and all points would count as too large. Run by the tool's own interpreter from the
+checkout, as ``python static_camera.py EXTENT PROGRAM ARGUMENTS``, this gives it an extent.
 """
 
 import importlib

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 from torch import Tensor, nn
 
-from lagsplat.array_types import Frames, Images, Latents
+from lagsplat.array_types import Frames, Images, Latents, Series
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.image_model import rasterize
@@ -77,11 +77,9 @@ class Autoencoder(nn.Module):
     def decode(
         self, z: Latents, *, view: View | None = None, height: int | None = None, width: int | None = None
     ) -> Images:
-        """Draw the latents as images in [0, 1].
+        """Draw raw latents as images in [0, 1]; other arguments as in `draw`.
 
-        Args:
-            z: Raw latents.
-            view, height, width: As in `draw`; any resolution, because no Gaussian is tied to a pixel.
+        Any resolution is possible, because no Gaussian is tied to a pixel.
         """
         return self.draw(self.gaussians.condition(z), view=view, height=height, width=width)
 
@@ -97,9 +95,9 @@ class Autoencoder(nn.Module):
 
         Args:
             scene: The Gaussians at each latent.
-            view: Cameras of the training resolution, one per image, for Gaussians in space; None takes the
+            view: Cameras of the training resolution, one per image, for Gaussians in space. None takes the
                 recording's own.
-            height, width: Size of the images [px]; None takes the training resolution.
+            height, width: Size of the images [px]. None takes the training resolution.
 
         Raises:
             ValueError: a view of Gaussians in the image plane.
@@ -133,7 +131,7 @@ def to_images(frames: Frames | Tensor, device: torch.device | str = "cpu") -> Im
 
 
 @torch.no_grad()
-def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Float64[np.ndarray, "T d"]:
+def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Series:
     """Encode stored frames to raw latents."""
     device = next(autoencoder.parameters()).device
     chunks = (frames[first : first + CHUNK] for first in range(0, len(frames), CHUNK))
@@ -142,11 +140,7 @@ def encode_frames(autoencoder: Autoencoder, frames: Frames) -> Float64[np.ndarra
 
 
 def decode_chunks(
-    autoencoder: Autoencoder,
-    z: Float64[np.ndarray, "T d"],
-    *,
-    height: int | None = None,
-    width: int | None = None,
+    autoencoder: Autoencoder, z: Series, *, height: int | None = None, width: int | None = None
 ) -> Iterator[Float32[np.ndarray, "chunk 3 H W"]]:
     """Draw raw latents in chunks of bounded size."""
     device = next(autoencoder.parameters()).device
@@ -158,17 +152,11 @@ def decode_chunks(
 
 
 def decode_latents(
-    autoencoder: Autoencoder,
-    z: Float64[np.ndarray, "T d"],
-    *,
-    height: int | None = None,
-    width: int | None = None,
+    autoencoder: Autoencoder, z: Series, *, height: int | None = None, width: int | None = None
 ) -> Float32[np.ndarray, "T 3 H W"]:
     """Draw all raw latents at once; arguments as `decode_chunks`, which suits long series."""
-    shape = (0, 3, height or autoencoder.height, width or autoencoder.width)
-    return np.concatenate(
-        [np.zeros(shape, np.float32), *decode_chunks(autoencoder, z, height=height, width=width)]
-    )
+    none = np.zeros((0, 3, height or autoencoder.height, width or autoencoder.width), np.float32)
+    return np.concatenate([none, *decode_chunks(autoencoder, z, height=height, width=width)])
 
 
 def save_autoencoder(path: Path, autoencoder: Autoencoder, header: Mapping[str, Any]) -> None:

@@ -55,7 +55,10 @@ def reconstruct(
         view = View(*(torch.cat(parts) for parts in zip(film, sides.view, strict=True)))
         drawn, aside = autoencoder.decode(z.repeat(2, 1), view=view).chunk(2)
         loss = photometric_loss(drawn, images, config)
-        loss = loss + sides.weight * photometric_loss(aside, _filled(sides, aside), config)
+        target = sides.images
+        if sides.cover is not None:  # where the target is unknown, the drawn image itself: no error
+            target = torch.lerp(aside.detach(), target, sides.cover)
+        loss = loss + sides.weight * photometric_loss(aside, target, config)
     if config.anisotropy:
         covariance = autoencoder.gaussians.covariance()
         loss = loss + config.anisotropy * anisotropy(covariance, limit=config.anisotropy_limit)
@@ -71,13 +74,6 @@ def photometric_loss(drawn: Images, images: Images, config: LossConfig) -> Tenso
     if config.ssim:
         loss = loss + config.ssim * structural_dissimilarity(drawn, images, window=config.ssim_window)
     return loss
-
-
-def _filled(sides: NovelViewTargets, drawn: Images) -> Images:
-    """Targets of novel views; where they are unknown the drawn image itself, so the error is zero."""
-    if sides.cover is None:
-        return sides.images
-    return torch.lerp(drawn.detach(), sides.images, sides.cover)
 
 
 def make_optimizer(autoencoder: Autoencoder, config: RateConfig) -> torch.optim.Adam:

@@ -1,7 +1,5 @@
 """Training data of stage 1: recorded frames and, in space, novel views of the same instants."""
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -15,23 +13,10 @@ from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews, require_views
 
 
-class TrainingBatch(NamedTuple):
-    """Instants, each from one camera: images, raw latents, cameras; None is the recording's own for all."""
-
-    images: Images
-    latents: Latents
-    view: View | None
-
-
 class TrainingFrames:
-    """Training frames on a device, with latents and novel views if given.
+    """Training frames on a device, with raw latents and novel views of the same instants if given.
 
-    Args:
-        frames: (T, H, W, 3).
-        device: Where the frames are kept.
-        latents: Given raw latents; None lets an encoder make them.
-        novel: Views of the same instants by other cameras.
-        supervision: How these views enter the loss.
+    ``supervision`` is how the views enter the loss.
 
     Raises:
         ValueError: views without their settings, or of other frames, see `require_views`.
@@ -52,9 +37,9 @@ class TrainingFrames:
             require_views(novel, frames)
         self.stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
         self.device, self.novel, self.supervision = device, novel, supervision
-        self.latents = (
-            None if latents is None else torch.as_tensor(latents, dtype=torch.float32, device=device)
-        )
+        self.latents: Latents | None = None
+        if latents is not None:
+            self.latents = torch.as_tensor(latents, dtype=torch.float32, device=device)
         self.cameras = () if novel is None else tuple(novel.space.seen_by(each) for each in novel.cameras)
 
     def __len__(self) -> int:
@@ -78,37 +63,40 @@ class TrainingFrames:
         if self.novel is None or self.supervision is None:
             return None
         chosen = rng.choice(self.novel.seen, len(picked))
-        images, cover = self._taken(picked, chosen)
-        return NovelViewTargets(images, cover, self._view(chosen), self.supervision.weight)
+        return NovelViewTargets(*self._take(self.novel, picked, chosen), self.supervision.weight)
 
-    def shots(self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator) -> TrainingBatch:
-        """Recorded images of these instants; if there are novel views, every other one is replaced by one."""
+    def shots(
+        self, autoencoder: Autoencoder, picked: np.ndarray, rng: np.random.Generator
+    ) -> tuple[Images, Latents, View | None]:
+        """Images, raw latents and cameras of these instants; None is the recording's own camera for all.
+
+        If there are novel views, every other recorded image is replaced by one.
+        """
         images, latents = self.images(picked), self.latents_of(autoencoder, picked)
         if self.novel is None or len(picked) < 2:
-            return TrainingBatch(images, latents, None)
+            return images, latents, None
         aside = slice(1, None, 2)
         chosen = rng.choice(self.novel.seen, len(picked[aside]))
-        own = autoencoder.filmed_view(latents)
-        view = View(*(part.repeat(len(picked), *[1] * (part.ndim - 1)) for part in own))
-        for part, other in zip(view, self._view(chosen), strict=True):
+        taken, cover, other_view = self._take(self.novel, picked[aside], chosen)
+        film = autoencoder.filmed_view(latents)
+        view = View(*(part.repeat(len(picked), *[1] * (part.ndim - 1)) for part in film))
+        for part, other in zip(view, other_view, strict=True):
             part[aside] = other
-        taken, cover = self._taken(picked[aside], chosen)
         if cover is not None:  # where the view is unknown, the target is the drawn image
-            drawn = autoencoder.decode(latents[aside], view=self._view(chosen))
-            taken = torch.lerp(drawn, taken, cover)
+            taken = torch.lerp(autoencoder.decode(latents[aside], view=other_view), taken, cover)
         images[aside] = taken
-        return TrainingBatch(images, latents, view)
+        return images, latents, view
 
-    def _view(self, chosen: np.ndarray) -> View:
-        return View(*(part.to(self.device) for part in make_view([self.cameras[i] for i in chosen])))
-
-    def _taken(self, picked: np.ndarray, chosen: np.ndarray) -> tuple[Images, Tensor | None]:
-        assert self.novel is not None
-        images = to_images(np.stack([self.novel.images[i, j] for i, j in zip(picked, chosen, strict=True)]))
-        if self.novel.cover is None:
-            return images.to(self.device), None
-        cover = np.stack([self.novel.cover[i, j] for i, j in zip(picked, chosen, strict=True)])
-        return images.to(self.device), torch.from_numpy(cover)[:, None].to(self.device) / 255
+    def _take(
+        self, novel: NovelViews, picked: np.ndarray, chosen: np.ndarray
+    ) -> tuple[Images, Tensor | None, View]:
+        """Novel views of instants by the chosen cameras, what is known of each, and the cameras."""
+        images = to_images(np.stack([novel.images[i, j] for i, j in zip(picked, chosen, strict=True)]))
+        view = View(*(part.to(self.device) for part in make_view([self.cameras[i] for i in chosen])))
+        if novel.cover is None:
+            return images.to(self.device), None, view
+        cover = np.stack([novel.cover[i, j] for i, j in zip(picked, chosen, strict=True)])
+        return images.to(self.device), torch.from_numpy(cover)[:, None].to(self.device) / 255, view
 
 
 FAINT = 1e-3  # cover below which a pixel shows the background, which has no depth
@@ -122,9 +110,8 @@ def render_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tens
     """
     scene = autoencoder.gaussians.condition(z)
     ahead = compute_depths(scene.means, view)
-    told = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
-    drawn = autoencoder.draw(
-        scene._replace(color=told, background=torch.zeros_like(scene.background)), view=view
-    )
+    depths = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
+    scene = scene._replace(color=depths, background=torch.zeros_like(scene.background))
+    drawn = autoencoder.draw(scene, view=view)
     pivot = autoencoder.filmed_view(z).focal[0, 0]
     return torch.where(drawn[:, 1] > FAINT, drawn[:, 0] / drawn[:, 1].clamp_min(FAINT), pivot)
