@@ -45,9 +45,9 @@ def compute_decoder_geometry(autoencoder: Autoencoder, chart: Chart) -> DecoderG
 class InducedMass(nn.Module):
     """``M(q) = m sum_i w_i(q) J_i^T J_i + floor I``, ``w_i`` the presence ``alpha_i gate_i`` over its sum.
 
-    It has no learned parameter. The gates are exponentials of a quadratic in ``q``, so that all Gaussians
-    cost one matrix product. The gradient of ``M`` follows from ``dw_i = w_i (g_i - mean g)`` with
-    ``g_i = -P_i (q - center_i)``, which is another product with constant moments.
+    The gates are exponentials of a quadratic in ``q``, so that all Gaussians cost one matrix product. The
+    gradient of ``M`` follows from ``dw_i = w_i (g_i - mean g)`` with ``g_i = -P_i (q - center_i)``, which is
+    another product with constant moments.
 
     Source: paper eq. (latent-metric) and Appendix, "The same map carries the inertia".
     """

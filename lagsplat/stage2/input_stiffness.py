@@ -10,8 +10,6 @@ from torch import Tensor, nn
 from lagsplat.array_types import Inputs, Latents
 
 SMALLEST = 1e-4  # smallest eigenvalue of each part of a curvature, so that its factor still has a gradient
-
-
 SIGNED = 1e-2
 """Share of an input's largest value that it must reach below zero to count as signed; smoothing overshoots,
 and a gauge reads slightly below zero at rest."""
@@ -75,11 +73,9 @@ class InputStiffnessPrior(nn.Module):
         signed = (input_stiffness.input_range.negative > 0)[:, None, None]
         stiffening = torch.where(signed, _factor(*torch.linalg.eigh(input_stiffness.stiffer)), stiffening)
         softer = torch.where(signed, _factor(*torch.linalg.eigh(input_stiffness.softer)), softer)
-        self.register_buffer("largest_input", input_stiffness.input_range.positive.clone())
-        self.register_buffer(
-            "largest_negative",
-            input_stiffness.input_range.negative.clone() if input_stiffness.input_range.signed else None,
-        )
+        ends = input_stiffness.input_range
+        self.register_buffer("largest_input", ends.positive.clone())
+        self.register_buffer("largest_negative", ends.negative.clone() if ends.signed else None)
         self.stiffening = nn.Parameter(stiffening)
         self.softening = nn.Parameter(softer) if softening else None
 
@@ -95,11 +91,9 @@ class InputStiffnessPrior(nn.Module):
         return curvature, compensation
 
 
-def stiffness_penalty(
-    softer: Float[Tensor, "n_u d d"], largest_input: Float[Tensor, " n_u"]
-) -> Float[Tensor, "d d"]:
-    """Compute the stiffness that the largest inputs of one sign remove together."""
-    return (largest_input[:, None, None] * softer).sum(0)
+def stiffness_penalty(softer: Float[Tensor, "n_u d d"], largest: Float[Tensor, " n_u"]) -> Tensor:
+    """Compute the stiffness (d, d) that the largest inputs of one sign remove together."""
+    return (largest[:, None, None] * softer).sum(0)
 
 
 def stiffen(u: Inputs, curvature: Float[Tensor, "n_u d d"], offset: Latents) -> Latents:

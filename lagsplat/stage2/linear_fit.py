@@ -35,15 +35,9 @@ UNUSABLE = 1e6  # objective of a candidate whose rollouts overflow, as a multipl
 class ConstantFit:
     """The unknowns of a constant system and their fit to an objective.
 
-    Energy has no observable scale, so M has mean eigenvalue 1. The floors are relative to it and to the mean
-    eigenvalue of K. The volumes are linear until `add_input_stiffness`.
-
-    Args:
-        rest: first or fixed rest state.
-        n_inputs: number of inputs.
-        floor: relative lower bounds.
-        learn_rest: whether the rest state is an unknown.
-        mass: fixed mass; an unknown if not given.
+    Energy has no observable scale, so M has mean eigenvalue 1 unless a fixed ``mass`` is given. The floors
+    are relative to it and to the mean eigenvalue of K. ``rest`` is the first rest state, or the fixed one.
+    The volumes are linear until `add_input_stiffness`.
     """
 
     def __init__(
@@ -57,14 +51,11 @@ class ConstantFit:
     ) -> None:
         d = rest.shape[0]
         eye = torch.eye(d, dtype=torch.float64)
-        first = {
-            "mass": eye,
-            "damping": 0.5 * eye,
-            "stiffness": eye,
-            "map": torch.zeros(n_inputs, d, dtype=torch.float64),
-            "rest": rest,
-            "stiffening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
-            "softening": torch.zeros(n_inputs, d, d, dtype=torch.float64),
+        first = {"mass": eye, "damping": 0.5 * eye, "stiffness": eye}
+        first |= {"map": torch.zeros(n_inputs, d, dtype=torch.float64), "rest": rest}
+        first |= {
+            "stiffening": 0.0 * eye.expand(n_inputs, d, d),
+            "softening": 0.0 * eye.expand(n_inputs, d, d),
         }
         self.input_range: InputRange | None = None
         self.softens = False
@@ -85,10 +76,9 @@ class ConstantFit:
         """Convert the vector of unknowns to matrices and their floors."""
         pieces = flat.split([shape.numel() for shape in self.shapes.values()])
         part = {n: p.view(s) for (n, s), p in zip(self.shapes.items(), pieces, strict=True)}
-        d = self.rest.shape[0]
+        d, floor = self.rest.shape[0], self.floor
         eye = torch.eye(d, dtype=torch.float64)
         free = _square(part["mass"])
-        floor = self.floor
         unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
         elastic = _square(part["stiffness"])
         stiffness_floor = floor.stiffness * torch.trace(elastic) / d
@@ -156,9 +146,8 @@ def evaluate_one_step_error(
     return window_error(windows, q, v, metric, velocity_weight=velocity_weight)
 
 
-def assemble_step_matrices(c: Coefficients, step: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
-    """Return F and P of a velocity-Verlet step ``(q, v) @ F + p @ P``, ``p = M^-1 (force + K rest)``."""
-    h = step
+def assemble_step_matrices(c: Coefficients, h: float) -> tuple[Float[Tensor, "s s"], Float[Tensor, "d s"]]:
+    """F and P of a velocity-Verlet step ``h``: ``(q, v) @ F + p @ P`` with ``p = M^-1 (force + K rest)``."""
     inverse = torch.linalg.inv(c.mass)
     stiff, damp = c.stiffness @ inverse, c.damping @ inverse
     eye = torch.eye(damp.shape[0], dtype=damp.dtype)
@@ -201,9 +190,8 @@ def evaluate_shooting_error(
 def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
     """Roll out the states after the first, step by step."""
     law = _ConstantLaw(c)
-    q, v = shots.q, shots.v
+    q, v, path = shots.q, shots.v, []
     drive = shots.inputs @ c.pressure_map
-    path = []
     for i in range(shots.targets.shape[1] - 1):
         step = choose_step(shots.steps, i)
         pieces = split_inputs(step, longest_step)
@@ -243,9 +231,8 @@ def _add_penalties(
     spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
     penalty = FAST_RATE_WEIGHT * fast
     if c.input_stiffness is not None:
-        largest = torch.maximum(
-            c.input_stiffness.input_range.positive, c.input_stiffness.input_range.negative
-        )
+        ends = c.input_stiffness.input_range
+        largest = torch.maximum(ends.positive, ends.negative)
         loaded = inverse @ (largest[:, None, None] * c.input_stiffness.curvature)
         penalty = penalty + BEND_WEIGHT * loaded.square().sum()
     return square_norm(path - targets, metric).mean() / d + spread * penalty

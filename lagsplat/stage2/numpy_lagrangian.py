@@ -1,11 +1,8 @@
 """The learned law in NumPy, for one state or a batch: long rollouts, the live viewer, exported pages.
 
 A step of a small law in torch is nearly all overhead; the same formulas on plain arrays take about a quarter
-of the time. The tensors of `lagsplat.stage2.lagrangian` are the specification;
-`tests/oracle/test_numpy_lagrangian.py` compares the two.
+of the time. `lagsplat.stage2.lagrangian` is the specification.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
@@ -49,8 +46,11 @@ class NumpyLagrangian:
         self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
         self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
         self.curvature = None if ready.curvature is None else _array(ready.curvature)
-        self.convex = ConvexNet.of(law.convex, ready.between)
-        self.volume = ConvexNet.of(law.volume_net, ready.between_volume)
+        self.convex = self.volume = None
+        if law.convex is not None and ready.between is not None:
+            self.convex = ConvexNet(law.convex, ready.between)
+        if law.volume_net is not None and ready.between_volume is not None:
+            self.volume = ConvexNet(law.volume_net, ready.between_volume)
 
     def conservative_force(self, q: States, u: Inputs | None = None) -> States:
         """``-grad_q (k V - u.nu)`` with the edit ``k`` of the stiffness."""
@@ -210,24 +210,13 @@ class SpdField:
         return h1, h2, self.eye + (h2 @ third.T).reshape(*q.shape[:-1], *self.eye.shape)
 
 
-@dataclass(frozen=True)
 class ConvexNet:
-    """`lagsplat.stage2.networks.Icnn` in arrays."""
+    """`lagsplat.stage2.networks.Icnn` in arrays, with its prepared weights ``between``."""
 
-    first: np.ndarray
-    first_bias: np.ndarray
-    second: np.ndarray
-    second_bias: np.ndarray
-    between: np.ndarray
-    head: np.ndarray
-
-    @classmethod
-    def of(cls, net: Icnn | None, between: Tensor | None) -> "ConvexNet | None":
-        """The arrays of ``net`` with its prepared weights ``between``; None of None."""
-        if net is None or between is None:
-            return None
-        parts = (net.first, net.first_bias, net.second, net.second_bias, between, net.head)
-        return cls(*(_array(part) for part in parts))
+    def __init__(self, net: Icnn, between: Tensor) -> None:
+        self.first, self.first_bias = _array(net.first), _array(net.first_bias)
+        self.second, self.second_bias = _array(net.second), _array(net.second_bias)
+        self.between, self.head = _array(between), _array(net.head)
 
     def value(self, x: States, head: np.ndarray) -> Values:
         """The convex function with the weights ``head`` (h,) or (B, h) of its last layer."""

@@ -67,8 +67,7 @@ def shooting_error(
 ) -> Float[Tensor, ""]:
     """Compute the mean position error of a rollout over all states after the first."""
     ready = lagrangian.prepare()
-    q, v = shots.q, shots.v
-    path = []
+    q, v, path = shots.q, shots.v, []
     for i in range(shots.targets.shape[1] - 1):
         step = choose_step(shots.steps, i)
         q, v = advance(lagrangian, q, v, shots.inputs[:, i], step=step, ready=ready)
@@ -126,9 +125,7 @@ def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
     )
 
 
-def anchored_error(
-    error: Float[Tensor, ""], penalty: Float[Tensor, ""], *, weight: float
-) -> Float[Tensor, ""]:
+def anchored_error(error: Tensor, penalty: Tensor, *, weight: float) -> Float[Tensor, ""]:
     """Compute ``error + weight * penalty * error``, where the last factor has no gradient.
 
     The gradient is proportional to that of ``log(error) + weight * penalty``, the log likelihood for errors

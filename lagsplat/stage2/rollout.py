@@ -18,12 +18,7 @@ Steps = float | Float[Tensor, "*B n"]
 
 @torch.no_grad()
 def rollout(
-    lagrangian: Lagrangian,
-    q0: Latents,
-    v0: Latents,
-    inputs: Float[Tensor, "B N n_u"],
-    *,
-    dt_s: Steps,
+    lagrangian: Lagrangian, q0: Latents, v0: Latents, inputs: Float[Tensor, "B N n_u"], *, dt_s: Steps
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
     """Roll out states and velocities [1/s] at ``N`` instants ``dt_s`` apart; the first is the given one.
 
@@ -33,9 +28,8 @@ def rollout(
     ``dt_s`` [s] is one number, or ``N - 1`` of them for all rows or for each row.
     """
     unit = float(lagrangian.time_unit_s)
-    ready = lagrangian.prepare()
+    ready, inputs = lagrangian.prepare(), inputs.double()
     q, v, steps = q0.double(), v0.double() * unit, dt_s / unit
-    inputs = inputs.double()
     positions, velocities = [q], [v]
     for i in range(inputs.shape[1] - 1):
         q, v = advance(lagrangian, q, v, inputs[:, i], step=choose_step(steps, i), ready=ready)
@@ -51,7 +45,7 @@ Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]
 
 
 def choose_step(steps: Steps, i: int) -> Step:
-    """Select the length of step ``i``."""
+    """The length of step ``i``."""
     return steps[..., i, None] if isinstance(steps, Tensor) else steps
 
 
@@ -92,10 +86,7 @@ def verlet_step(
 
 @dataclass(frozen=True)
 class ShootingWindows:
-    """Pairs of states ``step`` internal time units apart and the input between them.
-
-    ``step`` is one number, or one per pair where frames are not evenly spaced.
-    """
+    """Pairs of states ``step`` internal time units apart, one for all or each, and the input between them."""
 
     q: Latents
     v: Latents
