@@ -1,6 +1,5 @@
 """A baseline: encoder, decoder and one of two dynamics models, oscillators or Koopman, and its file."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -14,7 +13,7 @@ from torch.nn import functional
 
 from lagsplat.array_types import Images, Inputs, Latents
 from lagsplat.baselines.networks import AttentionDecoder, DeconvDecoder, VariationalEncoder
-from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.io.files.artifact import StrPath, load_artifact, restore_module, save_artifact
 
 KIND, SCHEMA = "baseline", 1
 
@@ -96,13 +95,13 @@ def _xavier(module: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
-def save_baseline(path: str | os.PathLike[str], baseline: Baseline, header: Mapping[str, Any]) -> None:
+def save_baseline(path: StrPath, baseline: Baseline, header: Mapping[str, Any]) -> None:
     """Write the weights and the architecture."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(baseline.architecture)}
     save_artifact(path, baseline.state_dict(), header)
 
 
-def load_baseline(path: str | os.PathLike[str]) -> tuple[Baseline, dict[str, Any]]:
+def load_baseline(path: StrPath) -> tuple[Baseline, dict[str, Any]]:
     """Read a baseline and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     baseline = Baseline(BaselineArchitecture(**header["architecture"]))
@@ -228,8 +227,3 @@ def stack_delays(
         past = [inputs[np.maximum(frames - back, start)] for back in range(samples - 1, -1, -1)]
         rows[start:stop] = np.concatenate(past, axis=1)
     return rows
-
-
-def standing(inputs: Float64[np.ndarray, "T c"], *, samples: int) -> Float64[np.ndarray, "T m"]:
-    """Delayed inputs as if the input of each frame had always been constant."""
-    return np.tile(inputs, (1, samples))

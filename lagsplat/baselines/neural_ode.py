@@ -1,7 +1,6 @@
 """A neural ordinary differential equation, its file, and its training on windows of the training part."""
 
 import math
-import os
 from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
@@ -17,7 +16,7 @@ from torchdiffeq import odeint
 
 from lagsplat.baselines.config import OdeConfig
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.io.files.artifact import StrPath, load_artifact, restore_module, save_artifact
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.stage1.training import run_training
 
@@ -183,9 +182,8 @@ def continue_rollout(
 
     Divergence stays non-finite. NumPy, because a thousand seconds in torch would take minutes.
     """
-    *hidden, head = (
-        (layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in (*ode.layers, ode.head)
-    )
+    layers = (*ode.layers, ode.head)
+    *hidden, head = ((layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers)
 
     def rate(x: np.ndarray) -> np.ndarray:
         for weight, bias in hidden:
@@ -213,13 +211,13 @@ def continue_rollout(
     return np.moveaxis(path[:, :, : ode.d], 0, 1)
 
 
-def save_ode(path: str | os.PathLike[str], ode: NeuralOde, header: Mapping[str, Any]) -> None:
+def save_ode(path: StrPath, ode: NeuralOde, header: Mapping[str, Any]) -> None:
     """Write the weights and the architecture."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
     save_artifact(path, ode.state_dict(), header)
 
 
-def load_ode(path: str | os.PathLike[str]) -> tuple[NeuralOde, dict[str, Any]]:
+def load_ode(path: StrPath) -> tuple[NeuralOde, dict[str, Any]]:
     """Read a neural ODE and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     ode = NeuralOde(**header["architecture"])

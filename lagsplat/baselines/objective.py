@@ -8,11 +8,9 @@ import math
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 from torch.nn import functional
 
-from lagsplat.array_types import Images, Inputs, Latents
+from lagsplat.array_types import Images, Inputs, Latents, Scalar
 from lagsplat.baselines.config import BaselineLossConfig, BaselineRateConfig
 from lagsplat.baselines.model import UNDECAYED, Baseline, Oscillators
 from lagsplat.baselines.networks import (
@@ -22,8 +20,6 @@ from lagsplat.baselines.networks import (
     measure_disagreement,
     penalize_unwarranted_change,
 )
-
-Scalar = Float[Tensor, ""]
 
 
 class BaselineBatch(NamedTuple):

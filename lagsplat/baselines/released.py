@@ -11,7 +11,6 @@ configurations of the runs (the defaults beside them differ).
 """
 
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import torch
 from torch import Tensor
 
 from lagsplat.baselines.model import Baseline, BaselineArchitecture
+from lagsplat.io.files.artifact import StrPath
 from lagsplat.io.files.checkpoint import load_weights
 from lagsplat.io.files.download import download
 
@@ -63,7 +63,7 @@ TENSORS: dict[str, dict[str, str]] = {
 """The same for every other tensor."""
 
 
-def load_released(path: str | os.PathLike[str]) -> tuple[Baseline, int]:
+def load_released(path: StrPath) -> tuple[Baseline, int]:
     """The model in a published file, and the epoch it was saved at.
 
     Raises:
@@ -193,7 +193,7 @@ def release_url(system: str, baseline: str) -> str:
     return f"{ADDRESS}/{RUNS[system, baseline]}/model_checkpoint.pt"
 
 
-def fetch_weights(folder: str | os.PathLike[str]) -> list[Path]:
+def fetch_weights(folder: StrPath) -> list[Path]:
     """All published weights as ``folder/SYSTEM/BASELINE.pt``, for ``baseline.weights=folder``; checked."""
     return [
         download(release_url(system, name), Path(folder) / system / f"{name}.pt", sha256=digest)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Latents
-from lagsplat.baselines.model import Baseline, Oscillators, stack_delays, standing
+from lagsplat.baselines.model import Baseline, Oscillators, stack_delays
 from lagsplat.baselines.networks import AttentionDecoder, compute_centre_jacobian
 from lagsplat.chart.trajectory import read_time_base
 from lagsplat.chart.visibility import measure_visibility
@@ -109,7 +109,7 @@ def read_held_out(
         time_s=None if clock.time_s is None else part.time_s,
         stencil=STENCILS[config.velocity],
         velocities=estimate_velocities(baseline, pictures, part, forward=config.velocity == "forward"),
-        standing=standing(part.inputs, samples=samples),
+        standing=np.tile(part.inputs, (1, samples)),
     )
 
 

@@ -95,7 +95,7 @@ def compute_velocity_field(
         "visible": int(visible.sum()),
         "painted_still": float(painted[still].mean()) if still.any() else None,
         "painted_moving": float(painted[~still].mean()) if (~still).any() else None,
-        "parameters": field.n_parameters,
+        "parameters": sum(parameter.numel() for parameter in field.parameters()),
         "n_gaussians": len(velocity),
         "frame": moment.frame,
     }, {"picture": picture, "speed": painted}

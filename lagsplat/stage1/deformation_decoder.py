@@ -1,6 +1,5 @@
 """Two decoders over frozen latents at equal terms: Gaussians conditioned on the latent, or deformed by it."""
 
-import os
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from lagsplat.array_types import Frames, Images, Latents
-from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.io.files.artifact import StrPath, load_artifact, restore_module, save_artifact
 from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.losses import anisotropy
@@ -57,11 +56,6 @@ class DeformationField(nn.Module):
         if isinstance(self.gaussians, Gaussians):
             return self.gaussians.jacobian().detach()
         return self.gaussians.jacobian(z)
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of trained parameters."""
-        return sum(parameter.numel() for parameter in self.parameters())
 
 
 class DeformationFitReport(NamedTuple):
@@ -158,16 +152,14 @@ def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Con
     return total
 
 
-def save_deformation_field(
-    path: str | os.PathLike[str], field: DeformationField, header: Mapping[str, Any]
-) -> None:
+def save_deformation_field(path: StrPath, field: DeformationField, header: Mapping[str, Any]) -> None:
     """Write the weights of a decoder with its header."""
     shape = {"kind": field.kind, "height": field.height, "width": field.width}
     save_artifact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
 
 
 def load_deformation_field(
-    path: str | os.PathLike[str], config: FieldConfig, *, d: int
+    path: StrPath, config: FieldConfig, *, d: int
 ) -> tuple[DeformationField, dict[str, Any]]:
     """Read a decoder and its header."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)

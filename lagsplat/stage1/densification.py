@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Latents
@@ -49,34 +49,27 @@ def densify_and_prune(
     """Recycle every Gaussian that stays invisible over a sample of the clip; return their number.
 
     Source: paper, Implementation Details (training): split along the principal eigenvector of the full
-    covariance, or teleport to a high-error region.
+    covariance, or teleport to a high-error region. The gradient as the signal to split: Kerbl et al. 2023,
+    doi:10.1145/3592433.
     """
     picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
     latents = footage.latents_of(autoencoder, picked)
-    dead = measure_peak_opacity(autoencoder.gaussians, latents) < config.peak_opacity
+    gaussians = autoencoder.gaussians
+    dead = measure_peak_opacity(gaussians, latents) < config.peak_opacity
     if not dead.any() or dead.all():
         return int(dead.sum())
     slots = dead.nonzero().flatten()
     n_split = min(round(config.split_share * len(slots)), int((~dead).sum()))
-    parents = largest_gradient(autoencoder.gaussians, optimizer, alive=~dead, count=n_split)
+    # Parents are the visible ones with the largest mean square gradient of the centre, which Adam keeps.
+    state = optimizer.state.get(gaussians.center)
+    pull = state["exp_avg_sq"].sum(1) if state else torch.zeros(gaussians.n, device=dead.device)
+    parents = torch.where(dead, -1.0, pull).topk(n_split).indices
     children, strays = slots[:n_split], slots[n_split:]
-    split_gaussians(autoencoder.gaussians, parents, children)
+    split_gaussians(gaussians, parents, children)
     if len(strays):
         teleport_gaussians(autoencoder, footage, strays, rng)
-    renumber_gaussians(autoencoder.gaussians, optimizer, parents, children, strays)
+    renumber_gaussians(gaussians, optimizer, parents, children, strays)
     return len(slots)
-
-
-def largest_gradient(
-    gaussians: Gaussians, optimizer: torch.optim.Adam, *, alive: Bool[Tensor, " K"], count: int
-) -> Tensor:
-    """The visible Gaussians with the largest mean square gradient of the centre, which Adam keeps.
-
-    Source: the densification signal of Kerbl et al. 2023, doi:10.1145/3592433.
-    """
-    state = optimizer.state.get(gaussians.center)
-    pull = state["exp_avg_sq"].sum(1) if state else torch.zeros(gaussians.n, device=alive.device)
-    return torch.where(alive, pull, -1.0).topk(count).indices
 
 
 def split_gaussians(gaussians: Gaussians, parents: Tensor, slots: Tensor) -> None:
@@ -135,9 +128,8 @@ def teleport_gaussians(
     frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
     pixels = torch.stack((column_t, row_t), 1).float() + 0.5
     if gaussians.space == 3:
-        view = View(
-            *(part.expand(len(latents), *part.shape[1:]) for part in view or autoencoder.filmed_view(latents))
-        )
+        parts = view or autoencoder.filmed_view(latents)
+        view = View(*(part.expand(len(latents), *part.shape[1:]) for part in parts))
         depth = render_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
         pixels = view.of(frame_t).unproject(pixels, depth)
     gaussians.center[slots] = pixels

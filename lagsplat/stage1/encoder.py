@@ -132,9 +132,8 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
         from sklearn.manifold import Isomap  # a second to import, which only this needs
 
         # The dense solver, because the iterative solver starts from a random vector.
-        isomap = Isomap(
-            n_neighbors=min(NEIGHBORS, len(pixels) - 1), n_components=n_axes, eigen_solver="dense"
-        )
+        near = min(NEIGHBORS, len(pixels) - 1)
+        isomap = Isomap(n_neighbors=near, n_components=n_axes, eigen_solver="dense")
         found = isomap.fit_transform(pixels)
         coordinates[:, :n_axes] = (found - found.mean(0)) / np.maximum(found.std(0), 1e-12)
     return coordinates

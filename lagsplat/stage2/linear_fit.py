@@ -15,6 +15,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from torch import Tensor
 
+from lagsplat.array_types import Metric, Scalar
 from lagsplat.stage2.config import FloorConfig
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, stiffen, stiffness_penalty
 from lagsplat.stage2.lagrangian import Coefficients, Floors
@@ -129,8 +130,8 @@ def _square(part: Tensor) -> Tensor:
 
 
 def evaluate_one_step_error(
-    c: Coefficients, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
-) -> Float[Tensor, ""]:
+    c: Coefficients, windows: ShootingWindows, metric: Metric, *, velocity_weight: float
+) -> Scalar:
     """Compute `objective.one_step_error` of a constant system without a solve per sample.
 
     Source: paper eq. (physics_loss).
@@ -162,8 +163,8 @@ def assemble_step_matrices(c: Coefficients, h: float) -> tuple[Float[Tensor, "s 
 
 
 def evaluate_shooting_error(
-    c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"], *, longest_step: float = math.inf
-) -> Float[Tensor, ""]:
+    c: Coefficients, shots: ShootingTargets, metric: Metric, *, longest_step: float = math.inf
+) -> Scalar:
     """Compute `objective.shooting_error` of a constant system plus its small penalties.
 
     Steps of equal length of a linear system are one matrix; others are taken one by one.
@@ -221,9 +222,7 @@ class _ConstantLaw:
         return (drive - elastic - v @ self.c.damping) @ self.inverse
 
 
-def _add_penalties(
-    path: Float[Tensor, "B n d"], c: Coefficients, shots: ShootingTargets, metric: Float[Tensor, "d d"]
-) -> Float[Tensor, ""]:
+def _add_penalties(path: Tensor, c: Coefficients, shots: ShootingTargets, metric: Metric) -> Scalar:
     targets, d = shots.targets[:, 1:], metric.shape[0]
     inverse = torch.linalg.inv(c.mass)
     step = shots.steps.mean() if isinstance(shots.steps, Tensor) else shots.steps

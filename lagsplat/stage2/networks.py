@@ -55,9 +55,7 @@ class Icnn(nn.Module):
         h2 = softplus(torch.addmm(self.second_bias, u, self.second.T) + h1 @ self.between_weight().T)
         return h2 @ self.head.T
 
-    def gradient(
-        self, u: Float[Tensor, "B d"], head: Float[Tensor, "#B h"], between: Float[Tensor, "h h"]
-    ) -> Float[Tensor, "B d"]:
+    def gradient(self, u: Latents, head: Float[Tensor, "#B h"], between: Float[Tensor, "h h"]) -> Latents:
         """Gradient in ``u`` of ``head . h2(u)``, with ``between`` from `between_weight`.
 
         ``head`` is one row of `head`, or per sample a non-negative combination of rows.
@@ -71,6 +69,8 @@ class Icnn(nn.Module):
 
 Block = tuple[Tensor, Tensor, Tensor, Tensor]
 """Weights of one residual branch: inner (w,d), inner bias (w,), outer (d,w), outer bias (d,)."""
+Hidden = list[Float[Tensor, "B w"]]
+"""Activations of each branch."""
 
 
 def contract_spectral_norm(weight: Float[Tensor, "blocks a b"]) -> Float[Tensor, "blocks a b"]:
@@ -112,9 +112,7 @@ class Diffeomorphism(nn.Module):
         return list(zip(inner, self.inner_bias, outer, self.outer_bias, strict=True))
 
 
-def push_forward(
-    x: Float[Tensor, "B d"], blocks: list[Block]
-) -> tuple[Float[Tensor, "B d"], list[Float[Tensor, "B w"]]]:
+def push_forward(x: Latents, blocks: list[Block]) -> tuple[Latents, Hidden]:
     """Map ``x`` through the blocks; also return the hidden activations for `pull_back`."""
     hidden = []
     for inner, inner_bias, outer, outer_bias in blocks:
@@ -124,9 +122,7 @@ def push_forward(
     return x, hidden
 
 
-def pull_back(
-    covector: Float[Tensor, "B d"], blocks: list[Block], hidden: list[Float[Tensor, "B w"]]
-) -> Float[Tensor, "B d"]:
+def pull_back(covector: Latents, blocks: list[Block], hidden: Hidden) -> Latents:
     """Apply the transposed Jacobian of `push_forward` to a covector at the image point."""
     for (inner, _, outer, _), h in zip(reversed(blocks), reversed(hidden), strict=True):
         covector = covector + ((covector @ outer) * (1.0 - h * h)) @ inner

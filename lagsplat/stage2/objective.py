@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from lagsplat.array_types import Latents
+from lagsplat.array_types import Latents, Metric, Scalar
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import (
@@ -21,7 +21,7 @@ from lagsplat.stage2.rollout import (
 )
 
 
-def add_ridge(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d d"]:
+def add_ridge(metric: Metric, *, ridge: float) -> Metric:
     """Compute ``G + ridge lambda_max(G) I``, scaled to trace ``d``.
 
     The ridge caps the ratio of weights between two directions at about ``1 / ridge``, so that an invisible
@@ -35,36 +35,33 @@ def add_ridge(metric: Float[Tensor, "d d"], *, ridge: float) -> Float[Tensor, "d
     return whole * (d / torch.trace(whole))
 
 
-def square_norm(error: Float[Tensor, "*B d"], metric: Float[Tensor, "d d"]) -> Float[Tensor, "*B"]:
+def square_norm(error: Float[Tensor, "*B d"], metric: Metric) -> Float[Tensor, "*B"]:
     """Compute ``error . metric error``."""
     return ((error @ metric) * error).sum(-1)
 
 
 def one_step_error(
-    lagrangian: Lagrangian, windows: ShootingWindows, metric: Float[Tensor, "d d"], *, velocity_weight: float
-) -> Float[Tensor, ""]:
+    lagrangian: Lagrangian, windows: ShootingWindows, metric: Metric, *, velocity_weight: float
+) -> Scalar:
     """Compute the mean error of one velocity-Verlet step, see `window_error`.
 
     Source: paper eq. (physics_loss).
     """
-    q, v = verlet_step(
-        lagrangian, windows.q, windows.v, windows.u, step=windows.step, ready=lagrangian.prepare()
-    )
+    ready = lagrangian.prepare()
+    q, v = verlet_step(lagrangian, windows.q, windows.v, windows.u, step=windows.step, ready=ready)
     return window_error(windows, q, v, metric, velocity_weight=velocity_weight)
 
 
 def window_error(
-    windows: ShootingWindows, q: Latents, v: Latents, metric: Float[Tensor, "d d"], *, velocity_weight: float
-) -> Float[Tensor, ""]:
+    windows: ShootingWindows, q: Latents, v: Latents, metric: Metric, *, velocity_weight: float
+) -> Scalar:
     """Compute the mean error of forecasts ``q`` and ``v``: position plus velocity times the step."""
     position = square_norm(q - windows.q_next, metric)
     velocity = square_norm(windows.step * (v - windows.v_next), metric)
     return (position + velocity_weight * velocity).mean() / metric.shape[0]
 
 
-def shooting_error(
-    lagrangian: Lagrangian, shots: ShootingTargets, metric: Float[Tensor, "d d"]
-) -> Float[Tensor, ""]:
+def shooting_error(lagrangian: Lagrangian, shots: ShootingTargets, metric: Metric) -> Scalar:
     """Compute the mean position error of a rollout over all states after the first."""
     ready = lagrangian.prepare()
     q, v, path = shots.q, shots.v, []
@@ -95,9 +92,7 @@ class Anchor:
     spread: Float[Tensor, " d"]
     speed: Float[Tensor, " d"]  # rms, per internal time unit
 
-    def penalty(
-        self, lagrangian: Lagrangian, metric: Float[Tensor, "d d"], rng: np.random.Generator
-    ) -> Float[Tensor, ""]:
+    def penalty(self, lagrangian: Lagrangian, metric: Metric, rng: np.random.Generator) -> Scalar:
         """Compute the mean square difference between the accelerations of ``lagrangian`` and the start.
 
         Positions and velocities are normal samples, inputs are sampled from the clip.
@@ -125,7 +120,7 @@ def anchor_law(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> Anchor:
     )
 
 
-def anchored_error(error: Tensor, penalty: Tensor, *, weight: float) -> Float[Tensor, ""]:
+def anchored_error(error: Tensor, penalty: Tensor, *, weight: float) -> Scalar:
     """Compute ``error + weight * penalty * error``, where the last factor has no gradient.
 
     The gradient is proportional to that of ``log(error) + weight * penalty``, the log likelihood for errors

@@ -220,7 +220,8 @@ class ForecasterFit:
             if moment.inner % FRESH_NEIGHBOURS == 0 or self.nearest is None:
                 self.nearest = forecaster.nearest()
             noise = self._noise(self.keys.place, moment, rng) if moment.phase == "keys" else 0.0
-            drawn = forecaster.draw_keys(forecaster.shift(self.keys, float(frame), noise=noise), self.nearest)
+            shift = forecaster.shift(self.keys, float(frame), noise=noise)
+            drawn = forecaster.draw(self.keys.blend(self.nearest, shift))
         error = (drawn - truth).abs().mean()
         loss = config.l1 * error
         if config.ssim:

@@ -5,7 +5,6 @@ paths of key points and the frames that follow.
 """
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -18,7 +17,7 @@ from torch import Tensor, nn
 
 from lagsplat.array_types import Frames
 from lagsplat.baselines.config import ForecasterConfig
-from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.io.files.artifact import StrPath, load_artifact, restore_module, save_artifact
 from lagsplat.splat.image_model import rasterize
 from lagsplat.stage1.gaussian_initialization import measure_edges, scatter_points
 
@@ -81,10 +80,9 @@ class Forecaster(nn.Module):
         self.motion = MotionNet(of.feature, octaves=of.octaves, hidden=of.hidden, layers=of.layers)
         sizes = (of.n_gaussians, of.key_points, of.feature)
         self.keys = KeyPoints(*sizes, neighbours=of.neighbours, feature_weight=of.feature_weight)
-        self.places, self.turns = (
-            GraphNet(2 * of.key_points, history=of.history, hidden=of.graph_hidden, blocks=of.graph_blocks)
-            for _ in range(2)
-        )
+        graph = {"history": of.history, "hidden": of.graph_hidden, "blocks": of.graph_blocks}
+        self.places = GraphNet(2 * of.key_points, **graph)
+        self.turns = GraphNet(2 * of.key_points, **graph)
 
     def shift(
         self, points: "KeyPointScene | KeyPoints", frame: float, *, noise: Float[Tensor, "_ 2"] | float = 0.0
@@ -98,24 +96,18 @@ class Forecaster(nn.Module):
         moved, turned = shift
         return self.scene.draw(self.scene.place + moved, self.scene.angle + turned, backend=self.backend)
 
-    def draw_keys(self, shift: Shift, nearest: Tensor) -> Float[Tensor, "1 3 H W"]:
-        """The image with the key points displaced and rotated and the Gaussians following them."""
-        return self.draw(self.keys.blend(nearest, shift))
-
     def nearest(self) -> Tensor:
         """The key points that each Gaussian follows, (N, neighbours)."""
         return self.keys.nearest(self.scene.place, self.scene.feature)
 
 
-def save_forecaster(path: str | os.PathLike[str], forecaster: Forecaster, header: Mapping[str, Any]) -> None:
+def save_forecaster(path: StrPath, forecaster: Forecaster, header: Mapping[str, Any]) -> None:
     """Write the weights and the architecture."""
     header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(forecaster.architecture)}
     save_artifact(path, forecaster.state_dict(), header)
 
 
-def load_forecaster(
-    path: str | os.PathLike[str], *, backend: str = "auto"
-) -> tuple[Forecaster, dict[str, Any]]:
+def load_forecaster(path: StrPath, *, backend: str = "auto") -> tuple[Forecaster, dict[str, Any]]:
     """Read a forecaster and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     forecaster = Forecaster(ForecasterArchitecture(**header["architecture"]), backend=backend)
@@ -380,9 +372,8 @@ def draw_path(
     for place in np.clip(at, 0, last):
         low = min(int(place), max(last - 1, 0))
         high, part = min(low + 1, last), float(place - low)
-        moved, turn = (
-            torch.from_numpy((1 - part) * series[low] + part * series[high]).float() for series in path
-        )
+        places, turns = ((1 - part) * series[low] + part * series[high] for series in path)
+        moved, turn = torch.from_numpy(places).float(), torch.from_numpy(turns).float()
         angle = torch.atan2(turn[:, 1:], turn[:, :1])
-        images.append(forecaster.draw_keys((moved - forecaster.keys.place, angle), nearest))
+        images.append(forecaster.draw(forecaster.keys.blend(nearest, (moved - forecaster.keys.place, angle))))
     return torch.cat(images).clamp(0.0, 1.0).numpy()

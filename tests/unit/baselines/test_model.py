@@ -12,7 +12,6 @@ from lagsplat.baselines.model import (
     load_baseline,
     save_baseline,
     stack_delays,
-    standing,
 )
 from lagsplat.baselines.networks import (
     compute_attention_centres,
@@ -91,7 +90,6 @@ def test_delays_are_oldest_first_and_stay_in_their_clip():
     assert rows[0].tolist() == [0, 1] * 3
     assert rows[2].tolist() == [0, 1, 2, 3, 4, 5]
     assert rows[4].tolist() == [8, 9] * 3
-    assert standing(inputs, samples=3)[2].tolist() == [4, 5] * 3
 
 
 @pytest.mark.parametrize("paired", [True, False])
