@@ -5,13 +5,7 @@ Dataclasses are not frozen: OmegaConf turns frozen ones into read-only nodes.
 
 from dataclasses import dataclass
 
-from lagsplat.setting_checks import (
-    require_choice,
-    require_interval,
-    require_least,
-    require_positive,
-    require_setting,
-)
+from lagsplat import setting_checks as check
 
 DECODERS = ("deconv", "abcd")
 BASELINE_TITLES = {
@@ -38,8 +32,8 @@ class BaselineLossConfig:
     closing_gradient: float  # share of the last term's gradient that reaches the maps
 
     def __post_init__(self) -> None:
-        require_least(self, "baseline.loss", 0, *vars(self))
-        require_interval(self, "baseline.loss", "[0, 1]", "closing_from")
+        check.require_least(self, "baseline.loss", 0, *vars(self))
+        check.require_interval(self, "baseline.loss", "[0, 1]", "closing_from")
 
 
 @dataclass
@@ -56,11 +50,11 @@ class BaselineRateConfig:
     gradient_clip: float  # of the norm of all gradients together
 
     def __post_init__(self) -> None:
-        require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
-        require_least(self, "baseline.rate", 0, "weight_decay")
-        require_least(self, "baseline.rate", 1, "warmup_stairs")
-        require_interval(self, "baseline.rate", "[0, 1)", "warmup")
-        require_interval(self, "baseline.rate", "(0, 1]", "drop_at")
+        check.require_positive(self, "baseline.rate", "peak", "gradient_clip", "drop_factor", "warmup_start")
+        check.require_least(self, "baseline.rate", 0, "weight_decay")
+        check.require_least(self, "baseline.rate", 1, "warmup_stairs")
+        check.require_interval(self, "baseline.rate", "[0, 1)", "warmup")
+        check.require_interval(self, "baseline.rate", "(0, 1]", "drop_at")
 
 
 @dataclass
@@ -84,17 +78,17 @@ class BaselineConfig:
     """Published weights instead of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
 
     def __post_init__(self) -> None:
-        require_choice(self, "baseline", "decoder", DECODERS)
-        require_choice(self, "baseline", "dynamics", ("oscillators", "koopman"))
-        require_choice(self, "baseline", "order", ("sequential", "shuffled"))
+        check.require_choice(self, "baseline", "decoder", DECODERS)
+        check.require_choice(self, "baseline", "dynamics", ("oscillators", "koopman"))
+        check.require_choice(self, "baseline", "order", ("sequential", "shuffled"))
         _require_steps("baseline", self.steps, DECODERS)
-        require_least(self, "baseline", 1, "d", "samples", "rest_frames")
+        check.require_least(self, "baseline", 1, "d", "samples", "rest_frames")
         rule = "is too small: a rate of change in a batch needs three frames"
-        require_setting("baseline.batch", self.batch, self.batch >= 3, rule)
-        require_least(self, "baseline", 0, "noise")
+        check.require_setting("baseline.batch", self.batch, self.batch >= 3, rule)
+        check.require_least(self, "baseline", 0, "noise")
         planar = (self.decoder, self.dynamics) == ("abcd", "oscillators")
         rule = "must be even: oscillators with an attention decoder are planar nodes"
-        require_setting("baseline.d", self.d, not planar or self.d % 2 == 0, rule)
+        check.require_setting("baseline.d", self.d, not planar or self.d % 2 == 0, rule)
 
     @property
     def n_steps(self) -> int:
@@ -117,8 +111,8 @@ class AuthorsConfig:
     extent: float  # of the scene: the tool derives it from the distances of cameras, and there is only one
 
     def __post_init__(self) -> None:
-        require_positive(self, "authors", "iterations", "epochs", "free_frames")
-        require_positive(self, "authors", "field_of_view_rad", "distance", "extent")
+        check.require_positive(self, "authors", "iterations", "epochs", "free_frames")
+        check.require_positive(self, "authors", "field_of_view_rad", "distance", "extent")
         if self.checkout is not None and self.frames is not None:
             raise ValueError("authors.checkout and authors.frames: give one of them, the other null")
         if self.checkout is not None and self.python is None:
@@ -144,10 +138,10 @@ class OdeConfig:
     checkpoint_every_s: float
 
     def __post_init__(self) -> None:
-        require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
-        require_positive(self, "ode", "periods", "rate", "gradient_clip")
-        require_choice(self, "ode", "method", ("rk4", "midpoint"))
-        require_interval(self, "ode", "(0, 1]", "final_fraction")
+        check.require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
+        check.require_positive(self, "ode", "periods", "rate", "gradient_clip")
+        check.require_choice(self, "ode", "method", ("rk4", "midpoint"))
+        check.require_interval(self, "ode", "(0, 1]", "final_fraction")
 
 
 PHASES = ("warm_up", "free", "keys", "joint", "graph")
@@ -169,11 +163,11 @@ class MotionConfig:
 
     def __post_init__(self) -> None:
         counts = ("feature", "octaves", "hidden", "layers", "key_points", "neighbours")
-        require_least(self, "forecaster.motion", 1, *counts)
+        check.require_least(self, "forecaster.motion", 1, *counts)
         enough = self.key_points >= self.neighbours
         rule = f"must be at least forecaster.motion.neighbours={self.neighbours}"
-        require_setting("forecaster.motion.key_points", self.key_points, enough, rule)
-        require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
+        check.require_setting("forecaster.motion.key_points", self.key_points, enough, rule)
+        check.require_least(self, "forecaster.motion", 0, "feature_weight", "place_noise", "feature_penalty")
 
 
 @dataclass
@@ -190,16 +184,16 @@ class ForecasterRateConfig:
     def __post_init__(self) -> None:
         _require_ends("forecaster.rate.motion", self.motion)
         _require_ends("forecaster.rate.place", self.place)
-        require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
+        check.require_positive(self, "forecaster.rate", "colour", "opacity", "scale", "blend")
 
 
 def _require_steps(group: str, steps: dict[str, int], names: tuple[str, ...]) -> None:
     enough = set(steps) == set(names) and min(steps.values()) >= 1
-    require_setting(f"{group}.steps", steps, enough, f"needs at least 1 for each of {', '.join(names)}")
+    check.require_setting(f"{group}.steps", steps, enough, f"needs at least 1 for each of {', '.join(names)}")
 
 
 def _require_ends(key: str, rates: list[float]) -> None:
-    require_setting(key, rates, len(rates) == 2 and min(rates) > 0, "is [first, last], positive")
+    check.require_setting(key, rates, len(rates) == 2 and min(rates) > 0, "is [first, last], positive")
 
 
 @dataclass
@@ -215,12 +209,12 @@ class GraphConfig:
     noise_until: float  # fraction of the training over which the noise falls to zero
 
     def __post_init__(self) -> None:
-        require_least(self, "forecaster.graph", 1, "history", "hidden", "blocks")
+        check.require_least(self, "forecaster.graph", 1, "history", "hidden", "blocks")
         rule = "must be at least 2: it is normalised by its own mean"
-        require_setting("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
+        check.require_setting("forecaster.graph.batch", self.batch, self.batch >= 2, rule)
         _require_ends("forecaster.graph.rate", self.rate)
-        require_least(self, "forecaster.graph", 0, "noise")
-        require_interval(self, "forecaster.graph", "(0, 1]", "noise_until")
+        check.require_least(self, "forecaster.graph", 0, "noise")
+        check.require_interval(self, "forecaster.graph", "(0, 1]", "noise_until")
 
 
 @dataclass
@@ -243,13 +237,13 @@ class ForecasterConfig:
     def __post_init__(self) -> None:
         enough = self.n_gaussians >= self.motion.key_points
         rule = f"must be at least forecaster.motion.key_points={self.motion.key_points}"
-        require_setting("forecaster.n_gaussians", self.n_gaussians, enough, rule)
+        check.require_setting("forecaster.n_gaussians", self.n_gaussians, enough, rule)
         _require_steps("forecaster", self.steps, PHASES)
-        require_interval(self, "forecaster", "(0, 1)", "opacity")
-        require_positive(self, "forecaster", "spatial_sigma")
-        require_least(self, "forecaster", 0, "l1", "ssim")
+        check.require_interval(self, "forecaster", "(0, 1)", "opacity")
+        check.require_positive(self, "forecaster", "spatial_sigma")
+        check.require_least(self, "forecaster", 0, "l1", "ssim")
         rule = f"and ssim={self.ssim} are both zero, so nothing draws the frames"
-        require_setting("forecaster.l1", self.l1, self.l1 + self.ssim > 0, rule)
+        check.require_setting("forecaster.l1", self.l1, self.l1 + self.ssim > 0, rule)
 
     @property
     def n_steps(self) -> int:

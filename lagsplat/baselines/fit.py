@@ -1,6 +1,11 @@
-"""Train a baseline on a recording, or take its published weights."""
+"""Train a baseline on a recording, or take its published weights; its loss, optimiser and schedule.
+
+The schedule is in fractions of the run, so that a short run has the same stages as the published 300 epochs:
+warm-up and the early weight are the first five, the drop follows the two hundredth.
+"""
 
 import logging
+import math
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float32, Int64
+from torch.nn import functional
 
-from lagsplat.baselines import objective
-from lagsplat.baselines.config import BaselineConfig
-from lagsplat.baselines.model import Baseline, BaselineArchitecture, stack_delays
+from lagsplat.array_types import Images, Inputs, Latents, Scalar
+from lagsplat.baselines import networks
+from lagsplat.baselines.config import BaselineConfig, BaselineLossConfig, BaselineRateConfig
+from lagsplat.baselines.model import UNDECAYED, Baseline, BaselineArchitecture, Oscillators, stack_delays
 from lagsplat.baselines.released import load_released
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
@@ -81,18 +88,18 @@ def fit_baseline(
         FloatingPointError: the gradient is not finite for `PATIENCE` batches in a row. The encoder's
             variance is unbounded and can overflow; such a batch is skipped and logged.
 
-    Source: see `lagsplat.baselines.objective`; the published runs trained for 300 passes.
+    Source: the published runs trained for 300 passes.
     """
     data = prepare_baseline_data(train, config)
     torch.manual_seed(seed)
     baseline = Baseline(choose_architecture(config, train))
-    optimizer = objective.make_baseline_optimizer(baseline, config.rate)
+    optimizer = make_baseline_optimizer(baseline, config.rate)
     curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
     lost = 0
 
     def take_step(step: int) -> np.ndarray | None:
         nonlocal lost
-        objective.set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
+        set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
         terms = train_step(baseline, optimizer, data, config, seed=seed, step=step)
         lost = lost + 1 if terms is None else 0
         if lost >= PATIENCE:
@@ -156,12 +163,12 @@ def train_step(
     frames = slice(start, start + config.batch)
     at_rest = rng.permutation(config.rest_frames)[: config.batch]
     moving = (to_images(data.frames[frames]), data.inputs[frames])
-    scene = objective.BaselineBatch(*moving, to_images(data.frames[at_rest]), data.inputs[at_rest])
+    scene = BaselineBatch(*moving, to_images(data.frames[at_rest]), data.inputs[at_rest])
     optimizer.zero_grad(set_to_none=True)
     share = config.loss.closing_gradient
-    terms = objective.compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
-    closing = objective.closing_term_weight(config.loss, step=step, steps=config.n_steps)
-    loss = objective.total_loss(terms, config.loss, closing=closing)
+    terms = compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
+    closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
+    loss = total_loss(terms, config.loss, closing=closing)
     loss.backward()
     norm = torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
     if not torch.isfinite(norm):
@@ -205,3 +212,129 @@ def obtain_baseline(
         )
     unknown = dict.fromkeys(("steps", "frames_seen", "wall_s"))
     return baseline, {**unknown, "weights": str(config.weights), "epoch": epoch, "curve": []}
+
+
+class BaselineBatch(NamedTuple):
+    """Consecutive frames with their delayed inputs, and frames at rest with theirs."""
+
+    images: Images
+    inputs: Inputs
+    rest_images: Images
+    rest_inputs: Inputs
+
+
+class BaselineLossTerms(NamedTuple):
+    """The unweighted terms of the loss, all means; those that a model lacks are zero."""
+
+    reconstruction: Scalar
+    divergence: Scalar
+    ahead: Scalar
+    latent: Scalar
+    steady: Scalar
+    attention: Scalar
+    closing: Scalar
+
+
+def compute_loss_terms(
+    baseline: Baseline,
+    scene: BaselineBatch,
+    *,
+    generator: torch.Generator | None,
+    closing_gradient: float = 1.0,
+) -> BaselineLossTerms:
+    """Every loss term for one batch; without a ``generator`` latents are means and maps have no noise.
+
+    The encoded velocity is a constant for the dynamics and their targets; gradients flow through it only to
+    the attention maps. ``closing_gradient`` is the share of the closing term's gradient that reaches them.
+    """
+    dt_s = baseline.architecture.dt_s
+    # central differences, one-sided at both ends [1/s]
+    (rates,) = torch.gradient(scene.images, spacing=dt_s, dim=0)
+    mean, log_variance, moving = baseline.encoder.moving(scene.images, rates)
+    velocity = moving.detach()
+    later, later_velocity = baseline.dynamics(mean, velocity, scene.inputs)
+    attention = closing = steady = mean.new_zeros(())
+    if isinstance(baseline.decoder, networks.AttentionDecoder):
+        attention, closing = _attention_terms(baseline.decoder, mean, moving, rates, closing_gradient)
+    if isinstance(baseline.dynamics, Oscillators):
+        steady = _steady_term(baseline.dynamics, baseline.encoder(scene.rest_images)[0], scene.rest_inputs)
+    drawn = mean
+    if generator is not None:
+        drawn = mean + (0.5 * log_variance).exp() * torch.randn(mean.shape, generator=generator)
+    pictures = baseline.decoder(drawn, generator=generator)
+    return BaselineLossTerms(
+        reconstruction=functional.mse_loss(pictures, scene.images),
+        divergence=-0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).mean(),
+        ahead=functional.mse_loss(baseline.decoder(later[:-1], generator=generator), scene.images[1:]),
+        latent=functional.mse_loss(later[:-1], mean[1:])
+        + dt_s**2 * functional.mse_loss(later_velocity[:-1], velocity[1:]),
+        steady=steady,
+        attention=attention,
+        closing=closing,
+    )
+
+
+def _steady_term(law: Oscillators, z: Latents, u: Inputs) -> Scalar:
+    """Distance of frames at rest from the rest of the law, and their motion in one step from standstill."""
+    later, velocity = law(z, torch.zeros_like(z), u)
+    off = (z - law.rest).square().mean() + (later - law.rest).square().mean()
+    return off + law.dt_s**2 * velocity.square().mean()
+
+
+def _attention_terms(
+    decoder: networks.AttentionDecoder, z: Latents, velocity: Latents, rates: Images, share: float
+) -> tuple[Scalar, Scalar]:
+    maps, map_rates = torch.func.jvp(decoder.maps, (z,), (velocity,))[:2]
+    attention = networks.penalize_unwarranted_change(map_rates, rates)
+    if decoder.group != 2:
+        return attention, z.new_zeros(())
+    # the same values with a share of their gradient
+    seen, seen_rates = (share * value + (1.0 - share) * value.detach() for value in (maps, map_rates))
+    centres = networks.compute_moving_centres(seen, seen_rates, decoder.places)
+    nodes = (z.unflatten(1, (-1, 2)), velocity.detach().unflatten(1, (-1, 2)))
+    return attention, networks.measure_disagreement(
+        networks.compute_closing_rates(*nodes), networks.compute_closing_rates(*centres)
+    )
+
+
+def total_loss(terms: BaselineLossTerms, weights: BaselineLossConfig, *, closing: float) -> Scalar:
+    """The weighted loss; ``closing`` is the present weight of that term."""
+    return (
+        terms.reconstruction
+        + weights.divergence * terms.divergence
+        + weights.ahead * terms.ahead
+        + weights.latent * terms.latent
+        + weights.steady * terms.steady
+        + weights.attention * terms.attention
+        + closing * terms.closing
+    )
+
+
+def make_baseline_optimizer(baseline: Baseline, config: BaselineRateConfig) -> torch.optim.AdamW:
+    """AdamW with one parameter group per part of the model, and one without decay for logarithms."""
+    groups = []
+    for part in ("encoder", "decoder", "dynamics"):
+        named = dict(getattr(baseline, part).named_parameters())
+        for decays in (True, False):
+            chosen = [value for name, value in named.items() if (name not in UNDECAYED) == decays]
+            if chosen:
+                decay = config.weight_decay if decays else 0.0
+                groups.append({"params": chosen, "weight_decay": decay, "part": part})
+    return torch.optim.AdamW(groups, lr=config.peak, foreach=True)
+
+
+def set_rates(optimizer: torch.optim.Optimizer, config: BaselineRateConfig, *, step: int, steps: int) -> None:
+    """Set the step sizes: warm-up in steps for the encoder and the dynamics, then one drop for all parts."""
+    progress, warmup = step / steps, 1.0
+    factor = config.drop_factor if progress >= config.drop_at + config.warmup else 1.0
+    if progress < config.warmup:
+        stair = math.floor(config.warmup_stairs * progress / config.warmup)
+        warmup = config.warmup_start + (1 - config.warmup_start) * stair / config.warmup_stairs
+    for group in optimizer.param_groups:
+        warmed = group["part"] in ("encoder", "dynamics")
+        group["lr"] = config.peak * (factor * warmup if warmed else factor)
+
+
+def closing_term_weight(config: BaselineLossConfig, *, step: int, steps: int) -> float:
+    """The present weight of the term that compares closing rates of nodes and maps."""
+    return config.closing_early if step < config.closing_from * steps else config.closing

@@ -2,13 +2,7 @@
 
 from dataclasses import dataclass
 
-from lagsplat.setting_checks import (
-    require_choice,
-    require_interval,
-    require_least,
-    require_positive,
-    require_setting,
-)
+from lagsplat import setting_checks as check
 
 
 @dataclass
@@ -26,12 +20,12 @@ class LossConfig:
     anisotropy_limit: float  # ratio of the axes of a drawn ellipse above which the penalty starts
 
     def __post_init__(self) -> None:
-        require_least(self, "stage1.loss", 0, "l1", "ssim", "nonlocal_filter", "anisotropy")
+        check.require_least(self, "stage1.loss", 0, "l1", "ssim", "nonlocal_filter", "anisotropy")
         rule = f"and ssim={self.ssim} are both zero, so nothing draws the frames"
-        require_setting("stage1.loss.l1", self.l1, self.l1 + self.ssim > 0, rule)
+        check.require_setting("stage1.loss.l1", self.l1, self.l1 + self.ssim > 0, rule)
         odd = self.ssim_window > 0 and self.ssim_window % 2 == 1
-        require_setting("stage1.loss.ssim_window", self.ssim_window, odd, "must be odd and positive")
-        require_least(self, "stage1.loss", 1, "anisotropy_limit")
+        check.require_setting("stage1.loss.ssim_window", self.ssim_window, odd, "must be odd and positive")
+        check.require_least(self, "stage1.loss", 1, "anisotropy_limit")
 
 
 @dataclass
@@ -47,10 +41,10 @@ class RateConfig:
     gradient_clip: float | None  # global norm, encoder and Gaussians separately
 
     def __post_init__(self) -> None:
-        require_positive(self, "stage1.rate", "encoder", "center", "gaussian")
+        check.require_positive(self, "stage1.rate", "encoder", "center", "gaussian")
         valid = self.latent_step is None or self.latent_step > 0
-        require_setting("stage1.rate.latent_step", self.latent_step, valid, "must be positive, or null")
-        require_interval(self, "stage1.rate", "(0, 1]", "final_fraction")
+        check.require_setting("stage1.rate.latent_step", self.latent_step, valid, "must be positive, or null")
+        check.require_interval(self, "stage1.rate", "(0, 1]", "final_fraction")
 
 
 @dataclass
@@ -64,10 +58,10 @@ class InitConfig:
     background: str  # 'learned' or 'black'
 
     def __post_init__(self) -> None:
-        require_choice(self, "stage1.init", "encoder", ("unfolded", "plain"))
-        require_choice(self, "stage1.init", "background", ("learned", "black"))
-        require_interval(self, "stage1.init", "(0, 1)", "opacity")
-        require_positive(self, "stage1.init", "spatial_sigma", "latent_sigma")
+        check.require_choice(self, "stage1.init", "encoder", ("unfolded", "plain"))
+        check.require_choice(self, "stage1.init", "background", ("learned", "black"))
+        check.require_interval(self, "stage1.init", "(0, 1)", "opacity")
+        check.require_positive(self, "stage1.init", "spatial_sigma", "latent_sigma")
 
 
 @dataclass
@@ -81,10 +75,10 @@ class LifecycleConfig:
     split_share: float  # of the recycled that split a parent; the others are teleported to large errors
 
     def __post_init__(self) -> None:
-        require_least(self, "stage1.lifecycle", 0, "every")
-        require_interval(self, "stage1.lifecycle", "[0, 1]", "start", "stop", "split_share")
+        check.require_least(self, "stage1.lifecycle", 0, "every")
+        check.require_interval(self, "stage1.lifecycle", "[0, 1]", "start", "stop", "split_share")
         rule = f"must not exceed stage1.lifecycle.stop={self.stop}"
-        require_setting("stage1.lifecycle.start", self.start, self.start <= self.stop, rule)
+        check.require_setting("stage1.lifecycle.start", self.start, self.start <= self.stop, rule)
 
 
 @dataclass
@@ -101,8 +95,8 @@ class RenderConfig:
 
     def __post_init__(self) -> None:
         rule = "must exceed 1 (render=none draws with the trained decoder, at the recorded resolution)"
-        require_setting("render.factor", self.factor, self.factor > 1, rule)
-        require_least(self, "render", 1, "n_gaussians", "steps", "batch")
+        check.require_setting("render.factor", self.factor, self.factor > 1, rule)
+        check.require_least(self, "render", 1, "n_gaussians", "steps", "batch")
 
     def fine_size(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of the finer frames [px]."""
@@ -127,10 +121,10 @@ class Stage1Config:
     lifecycle: LifecycleConfig
 
     def __post_init__(self) -> None:
-        require_least(self, "stage1", 1, "d", "n_gaussians", "channels", "steps", "batch")
+        check.require_least(self, "stage1", 1, "d", "n_gaussians", "channels", "steps", "batch")
         even = self.kernel > 0 and self.kernel % 2 == 0
         rule = "must be even and positive, so that stride 2 halves the image exactly"
-        require_setting("stage1.kernel", self.kernel, even, rule)
+        check.require_setting("stage1.kernel", self.kernel, even, rule)
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
@@ -149,6 +143,7 @@ class FieldConfig:
     neighbours: int  # whose velocities a Gaussian's is compared with
 
     def __post_init__(self) -> None:
-        require_positive(self, "deformation", *vars(self))
+        check.require_positive(self, "deformation", *vars(self))
+        few = self.neighbours < self.n_gaussians
         rule = f"must be fewer than deformation.n_gaussians={self.n_gaussians}"
-        require_setting("deformation.neighbours", self.neighbours, self.neighbours < self.n_gaussians, rule)
+        check.require_setting("deformation.neighbours", self.neighbours, few, rule)

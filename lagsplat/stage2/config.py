@@ -2,13 +2,7 @@
 
 from dataclasses import dataclass
 
-from lagsplat.setting_checks import (
-    require_choice,
-    require_interval,
-    require_least,
-    require_positive,
-    require_setting,
-)
+from lagsplat import setting_checks as check
 
 
 @dataclass
@@ -28,16 +22,16 @@ class FormConfig:
     diffeo_lipschitz: float  # bound on every residual branch, below 1 so that the map is invertible
 
     def __post_init__(self) -> None:
-        require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
-        require_choice(self, "stage2.form", "damping", ("learned", "constant"))
-        require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex"))
-        require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
-        require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
-        require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
-        require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")
+        check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
+        check.require_choice(self, "stage2.form", "damping", ("learned", "constant"))
+        check.require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex"))
+        check.require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
+        check.require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
+        check.require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
+        check.require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")
         rule = "must lie in (0, 1): at 1 the map may fold, and the potential would have several equilibria"
         lipschitz = self.diffeo_lipschitz
-        require_setting("stage2.form.diffeo_lipschitz", lipschitz, 0 < lipschitz < 1, rule)
+        check.require_setting("stage2.form.diffeo_lipschitz", lipschitz, 0 < lipschitz < 1, rule)
 
 
 @dataclass
@@ -55,7 +49,7 @@ class FloorConfig:
     def __post_init__(self) -> None:
         rule = "must lie in (0, 1): at 0 the energy balance does not hold, above 1 it would replace the fit"
         for name, floor in vars(self).items():
-            require_setting(f"stage2.floor.{name}", floor, 0 < floor < 1, rule)
+            check.require_setting(f"stage2.floor.{name}", floor, 0 < floor < 1, rule)
 
 
 @dataclass
@@ -70,11 +64,11 @@ class StartConfig:
     stiffness: float  # of the isotropic start, per time unit squared, for unit mass
 
     def __post_init__(self) -> None:
-        require_choice(self, "stage2.start", "source", ("fitted", "isotropic"))
-        require_choice(self, "stage2.start", "time_unit", ("data", "frame"))
-        require_least(self, "stage2.start", 1, "iterations")
-        require_least(self, "stage2.start", 0, "shooting_iterations")
-        require_positive(self, "stage2.start", "damping", "stiffness")
+        check.require_choice(self, "stage2.start", "source", ("fitted", "isotropic"))
+        check.require_choice(self, "stage2.start", "time_unit", ("data", "frame"))
+        check.require_least(self, "stage2.start", 1, "iterations")
+        check.require_least(self, "stage2.start", 0, "shooting_iterations")
+        check.require_positive(self, "stage2.start", "damping", "stiffness")
 
 
 @dataclass
@@ -86,8 +80,8 @@ class SelectConfig:
     every: int  # optimiser steps between two scores
 
     def __post_init__(self) -> None:
-        require_least(self, "stage2.select", 1, "starts", "every")
-        require_positive(self, "stage2.select", "periods")
+        check.require_least(self, "stage2.select", 1, "starts", "every")
+        check.require_positive(self, "stage2.select", "periods")
 
 
 @dataclass
@@ -101,8 +95,8 @@ class ShootConfig:
     anchor: float  # price on leaving the start where the clip says nothing, in present errors; 0 for none
 
     def __post_init__(self) -> None:
-        require_least(self, "stage2.shoot", 0, "steps", "anchor")
-        require_positive(self, "stage2.shoot", "batch", "lr", "periods")
+        check.require_least(self, "stage2.shoot", 0, "steps", "anchor")
+        check.require_positive(self, "stage2.shoot", "batch", "lr", "periods")
 
 
 @dataclass
@@ -127,7 +121,8 @@ class Stage2Config:
 
     def __post_init__(self) -> None:
         rule = "must be positive: a direction that nothing can see would be left unconstrained"
-        require_setting("stage2.ridge", self.ridge, self.ridge > 0, rule)
-        require_positive(self, "stage2", "stride_frames", "longest_step", "batch", "lr", "gradient_clip")
-        require_least(self, "stage2", 0, "velocity_weight", "steps")
-        require_interval(self, "stage2", "(0, 1]", "effort", "final_fraction")
+        check.require_setting("stage2.ridge", self.ridge, self.ridge > 0, rule)
+        check.require_positive(self, "stage2", "stride_frames", "longest_step", "batch")
+        check.require_positive(self, "stage2", "lr", "gradient_clip")
+        check.require_least(self, "stage2", 0, "velocity_weight", "steps")
+        check.require_interval(self, "stage2", "(0, 1]", "effort", "final_fraction")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from lagsplat.baselines.fit import BaselineBatch, compute_loss_terms
 from lagsplat.baselines.model import Oscillators, stack_delays
 from lagsplat.baselines.networks import (
     AttentionDecoder,
     compute_attention_centres,
     compute_moving_centres,
 )
-from lagsplat.baselines.objective import BaselineBatch, compute_loss_terms
 from lagsplat.baselines.released import load_released
 
 MODELS = [

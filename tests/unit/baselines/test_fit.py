@@ -7,9 +7,14 @@ import pytest
 import torch
 
 from lagsplat.baselines import fit as fit_module
-from lagsplat.baselines.fit import fit_baseline, prepare_baseline_data
+from lagsplat.baselines.fit import (
+    closing_term_weight,
+    fit_baseline,
+    make_baseline_optimizer,
+    prepare_baseline_data,
+    set_rates,
+)
 from lagsplat.baselines.model import Baseline
-from lagsplat.baselines.objective import closing_term_weight, make_baseline_optimizer, set_rates
 from lagsplat.config.compose import ConfigError
 from tests.unit.baselines.problems import architecture, pushed_square, settings
 
