@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32
 from torch.nn import functional
 
 from lagsplat.array_types import Images, Inputs, Latents, Scalar
@@ -44,14 +44,6 @@ class BaselineCurvePoint(NamedTuple):
     seconds: float
 
 
-class BaselineData(NamedTuple):
-    """The training frames in the form that the training loop reads."""
-
-    frames: torch.Tensor  # uint8 (T, H, W, 3)
-    inputs: torch.Tensor  # with delays, (T, m)
-    starts: Int64[np.ndarray, " batches"]
-
-
 def choose_architecture(config: BaselineConfig, recording: Recording) -> BaselineArchitecture:
     """The architecture of a baseline for this recording."""
     return BaselineArchitecture(
@@ -79,9 +71,8 @@ def fit_baseline(
     """Train a baseline on the training part of a recording.
 
     Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` ends with
-    the same bits as an uninterrupted one. The dynamics step once per median frame spacing.
-
-    ``identity`` identifies the run in the file ``checkpoint``.
+    the same bits as an uninterrupted one; ``identity`` identifies the run in that file. The dynamics step
+    once per median frame spacing.
 
     Raises:
         ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
@@ -90,99 +81,94 @@ def fit_baseline(
 
     Source: the published runs trained for 300 passes.
     """
-    data = prepare_baseline_data(train, config)
-    torch.manual_seed(seed)
-    baseline = Baseline(choose_architecture(config, train))
-    optimizer = make_baseline_optimizer(baseline, config.rate)
-    curve = load_training_state(checkpoint, baseline, optimizer, BaselineCurvePoint, identity=identity)
-    lost = 0
-
-    def take_step(step: int) -> np.ndarray | None:
-        nonlocal lost
-        set_rates(optimizer, config.rate, step=step, steps=config.n_steps)
-        terms = train_step(baseline, optimizer, data, config, seed=seed, step=step)
-        lost = lost + 1 if terms is None else 0
-        if lost >= PATIENCE:
-            raise FloatingPointError(
-                f"the baseline lost its footing before step {step}: {lost} batches in a row have no finite "
-                "gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
-            )
-        if lost:
-            log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
-        return terms
-
+    fit = BaselineFit(train, config, seed)
+    model, optimizer = fit.baseline, fit.optimizer
+    curve = load_training_state(checkpoint, model, optimizer, BaselineCurvePoint, identity=identity)
     run_training(
-        take_step,
+        fit.take_step,
         curve,
         BaselineCurvePoint,
         n_steps=config.n_steps,
         n_terms=len(BaselineCurvePoint._fields) - 2,
         title="baseline",
-        save=partial(save_training_state, checkpoint, baseline, optimizer, curve, identity=identity),
+        save=partial(save_training_state, checkpoint, model, optimizer, curve, identity=identity),
         save_every_s=config.checkpoint_every_s,
         ends=[config.n_steps],
     )
-    return baseline.eval(), curve
+    return model.eval(), curve
 
 
-def prepare_baseline_data(train: Recording, config: BaselineConfig) -> BaselineData:
-    """Cut the training part into batches of consecutive frames, clip by clip, and drop shorter remainders."""
-    if not train.inputs.shape[1]:
-        raise ValueError(
-            f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; leave "
-            "this system out of the baselines"
-        )
-    starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in train.segments]
-    if not sum(map(len, starts)) or config.rest_frames > train.n_frames:
-        raise ValueError(
-            f"recording {train.meta.get('source')}: {train.n_frames} training frames in "
-            f"{len(train.segments)} clip(s) hold no batch of {config.batch} frames or no "
-            f"{config.rest_frames} frames at rest; lower baseline.batch or baseline.rest_frames"
-        )
-    fed = stack_delays(train.inputs, samples=config.samples, segments=train.segments)
-    return BaselineData(
-        frames=torch.from_numpy(np.array(train.frames)),  # a copy: the file is mapped read-only
-        inputs=torch.from_numpy(fed.astype(np.float32)),
-        starts=np.concatenate(starts).astype(np.int64),
-    )
+class BaselineFit:
+    """A baseline in training on batches of consecutive frames, cut clip by clip without shorter remainders.
 
+    Raises:
+        ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
+    """
 
-def train_step(
-    baseline: Baseline,
-    optimizer: torch.optim.Optimizer,
-    data: BaselineData,
-    config: BaselineConfig,
-    *,
-    seed: int,
-    step: int,
-) -> Float32[np.ndarray, " terms"] | None:
-    """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""
-    rng = np.random.default_rng([seed, step])
-    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
-    start = choose_batch_start(data, config, seed=seed, step=step)
-    frames = slice(start, start + config.batch)
-    at_rest = rng.permutation(config.rest_frames)[: config.batch]
-    moving = (to_images(data.frames[frames]), data.inputs[frames])
-    scene = BaselineBatch(*moving, to_images(data.frames[at_rest]), data.inputs[at_rest])
-    optimizer.zero_grad(set_to_none=True)
-    share = config.loss.closing_gradient
-    terms = compute_loss_terms(baseline, scene, generator=generator, closing_gradient=share)
-    closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
-    loss = total_loss(terms, config.loss, closing=closing)
-    loss.backward()
-    norm = torch.nn.utils.clip_grad_norm_(baseline.parameters(), config.rate.gradient_clip)
-    if not torch.isfinite(norm):
-        return None
-    optimizer.step()
-    return torch.stack([loss, *terms]).detach().numpy()
+    def __init__(self, train: Recording, config: BaselineConfig, seed: int) -> None:
+        if not train.inputs.shape[1]:
+            raise ValueError(
+                f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; "
+                "leave this system out of the baselines"
+            )
+        starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in train.segments]
+        if not sum(map(len, starts)) or config.rest_frames > train.n_frames:
+            raise ValueError(
+                f"recording {train.meta.get('source')}: {train.n_frames} training frames in "
+                f"{len(train.segments)} clip(s) hold no batch of {config.batch} frames or no "
+                f"{config.rest_frames} frames at rest; lower baseline.batch or baseline.rest_frames"
+            )
+        delayed = stack_delays(train.inputs, samples=config.samples, segments=train.segments)
+        self.frames = torch.from_numpy(np.array(train.frames))  # a copy: the file is mapped read-only
+        self.inputs = torch.from_numpy(delayed.astype(np.float32))
+        self.starts = np.concatenate(starts).astype(np.int64)
+        self.config, self.seed, self.lost = config, seed, 0
+        torch.manual_seed(seed)
+        self.baseline = Baseline(choose_architecture(config, train))
+        self.optimizer = make_baseline_optimizer(self.baseline, config.rate)
 
+    def take_step(self, step: int) -> Float32[np.ndarray, " terms"] | None:
+        """One step of the training, see `train_step`, which may fail fewer than `PATIENCE` times in a row."""
+        set_rates(self.optimizer, self.config.rate, step=step, steps=self.config.n_steps)
+        terms = self.train_step(step)
+        self.lost = self.lost + 1 if terms is None else 0
+        if self.lost >= PATIENCE:
+            raise FloatingPointError(
+                f"the baseline lost its footing before step {step}: {self.lost} batches in a row have no "
+                "finite gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
+            )
+        if self.lost:
+            log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
+        return terms
 
-def choose_batch_start(data: BaselineData, config: BaselineConfig, *, seed: int, step: int) -> int:
-    """First frame of this step's batch: in order, or in a new order on every pass."""
-    turn, place = divmod(step, len(data.starts))
-    if config.order == "sequential":
-        return int(data.starts[place])
-    return int(np.random.default_rng([seed, turn, len(data.starts)]).permutation(data.starts)[place])
+    def train_step(self, step: int) -> Float32[np.ndarray, " terms"] | None:
+        """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""
+        config, rng = self.config, np.random.default_rng([self.seed, step])
+        generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+        start = self.choose_start(step)
+        frames = slice(start, start + config.batch)
+        at_rest = rng.permutation(config.rest_frames)[: config.batch]
+        moving = (to_images(self.frames[frames]), self.inputs[frames])
+        scene = BaselineBatch(*moving, to_images(self.frames[at_rest]), self.inputs[at_rest])
+        self.optimizer.zero_grad(set_to_none=True)
+        share = config.loss.closing_gradient
+        terms = compute_loss_terms(self.baseline, scene, generator=generator, closing_gradient=share)
+        closing = closing_term_weight(config.loss, step=step, steps=config.n_steps)
+        loss = total_loss(terms, config.loss, closing=closing)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self.baseline.parameters(), config.rate.gradient_clip)
+        if not torch.isfinite(norm):
+            return None
+        self.optimizer.step()
+        return torch.stack([loss, *terms]).detach().numpy()
+
+    def choose_start(self, step: int) -> int:
+        """First frame of this step's batch: in order, or in a new order on every pass."""
+        turn, place = divmod(step, len(self.starts))
+        if self.config.order == "sequential":
+            return int(self.starts[place])
+        order = np.random.default_rng([self.seed, turn, len(self.starts)])
+        return int(order.permutation(self.starts)[place])
 
 
 def obtain_baseline(

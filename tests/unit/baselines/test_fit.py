@@ -8,10 +8,10 @@ import torch
 
 from lagsplat.baselines import fit as fit_module
 from lagsplat.baselines.fit import (
+    BaselineFit,
     closing_term_weight,
     fit_baseline,
     make_baseline_optimizer,
-    prepare_baseline_data,
     set_rates,
 )
 from lagsplat.baselines.model import Baseline
@@ -58,16 +58,16 @@ def test_same_seed_same_bits_other_seed_other_bits(train):
 def test_a_killed_run_goes_on_to_the_same_bits(train, tmp_path, monkeypatch):
     config = settings("koopman_deconv")
     whole, whole_curve = fit_baseline(train, config, seed=1)
-    step_of = fit_module.train_step
+    step_of = BaselineFit.train_step
 
-    def killed_at_17(*parts, seed, step):
+    def killed_at_17(fit, step):
         if step == 17:
             raise KeyboardInterrupt
-        return step_of(*parts, seed=seed, step=step)
+        return step_of(fit, step)
 
     checkpoint = tmp_path / "state.pt"
     with monkeypatch.context() as patch:
-        patch.setattr(fit_module, "train_step", killed_at_17)
+        patch.setattr(BaselineFit, "train_step", killed_at_17)
         with pytest.raises(KeyboardInterrupt):
             fit_baseline(train, config, seed=1, checkpoint=checkpoint, identity="a")
     resumed, curve = fit_baseline(train, config, seed=1, checkpoint=checkpoint, identity="a")
@@ -79,20 +79,20 @@ def test_a_killed_run_goes_on_to_the_same_bits(train, tmp_path, monkeypatch):
 
 def overflowing_in(steps, monkeypatch):
     """Training whose encoder claims a variance beyond single precision in these steps."""
-    step_of = fit_module.train_step
+    step_of = BaselineFit.train_step
 
-    def stumbling(baseline, *parts, seed, step):
-        bias = baseline.encoder.head.bias
+    def stumbling(fit, step):
+        bias = fit.baseline.encoder.head.bias
         kept = bias.detach().clone()
         with torch.no_grad():
             bias += 1e3 * (step in steps)
-        terms = step_of(baseline, *parts, seed=seed, step=step)
+        terms = step_of(fit, step)
         if terms is None:
             with torch.no_grad():
                 bias.copy_(kept)
         return terms
 
-    monkeypatch.setattr(fit_module, "train_step", stumbling)
+    monkeypatch.setattr(BaselineFit, "train_step", stumbling)
 
 
 def test_a_batch_without_a_finite_gradient_teaches_nothing(train, monkeypatch, caplog):
@@ -139,12 +139,12 @@ def test_logarithms_do_not_decay():
 def test_batches_keep_to_clips_and_cover_a_pass(train):
     config = settings("osc_deconv", batch=16, order="sequential")
     cut = replace(train, segments=((0, 40), (40, 120)))
-    footage = prepare_baseline_data(cut, config)
+    footage = BaselineFit(cut, config, 0)
     assert footage.starts.tolist() == [0, 16, 40, 56, 72, 88, 104]
-    order = [fit_module.choose_batch_start(footage, config, seed=0, step=step) for step in range(8)]
+    order = [footage.choose_start(step) for step in range(8)]
     assert order == [*footage.starts.tolist(), 0]
     config.order = "shuffled"
-    order = [fit_module.choose_batch_start(footage, config, seed=0, step=step) for step in range(14)]
+    order = [footage.choose_start(step) for step in range(14)]
     assert sorted(order[:7]) == sorted(order[7:]) == footage.starts.tolist()
     assert order[:7] != order[7:]
 
