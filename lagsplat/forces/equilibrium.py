@@ -36,12 +36,11 @@ def settle(
     Newton's method on the energy. Where its Hessian is not positive definite, eigenvalues are replaced by
     their absolute value, so that every step descends; a step is halved until the energy falls by Armijo's
     rule. The quadratic floor of ``V`` outgrows the linear work of a load, so lower level sets of the energy
-    are compact and every limit point is stationary for any network and load.
-    ``start`` is the first state of the iteration, by default the rest state of the law.
+    are compact and every limit point is stationary for any network and load. ``start`` is the first state of
+    the iteration, by default the rest state of the law.
 
     Raises:
-        ValueError: a load that is not finite or so large that energies overflow, or the iterations do not
-            suffice.
+        ValueError: a load is not finite, energies overflow under it, or the iterations do not suffice.
 
     Source: paper, Appendix "Bounded forced response"; Nocedal and Wright, Numerical Optimization, ch. 3.
     """

@@ -130,9 +130,9 @@ def choose_hanging_points(scene: MovingParts) -> tuple[Point, Point, Float64[np.
 
 
 def _inside(shape: tuple[int, ...], margin: float) -> Bool[np.ndarray, "H W"]:
-    rows, columns = (np.arange(size) + 0.5 for size in shape)
-    fits = [(x >= margin) & (x <= size - margin) for x, size in zip((rows, columns), shape, strict=True)]
-    return fits[0][:, None] & fits[1][None]
+    axes = [np.arange(size) + 0.5 for size in shape]
+    down, across = ((x >= margin) & (x <= size - margin) for x, size in zip(axes, shape, strict=True))
+    return down[:, None] & across
 
 
 def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.ndarray:

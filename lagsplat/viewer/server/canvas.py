@@ -23,9 +23,7 @@ from lagsplat.viewer.rendering.scene_frame import FLIP, ImagePlane, SceneFrame
 from lagsplat.views.camera import Camera
 from lagsplat.views.novel import cameras_bytes
 
-MATTER = "/matter"
 BEYOND = 0.5  # how far outside a window a pointer still counts, as a share of its size
-IMAGE = "/picture"
 QUALITY = 90  # JPEG quality of the images [percent]
 FOV = 0.75  # vertical field of view [rad]
 UPRIGHT = (0.0, 1.0, 0.0, 0.0)  # turns an image upright: viser puts its rows along +y
@@ -147,7 +145,7 @@ class ImageCanvas:
         self.size = self.image_plane.size
         place_first_camera(server, (0.0, 0.0, self.far), FOV)
         blank = renderer.draw(operating_point.rest.numpy())
-        self.image_node = add_image(server.scene, IMAGE, blank, self.size)
+        self.image_node = add_image(server.scene, "/picture", blank, self.size)
         lines = overlays.trace_rest_outline(operating_point)
         outline = [overlays.to_segments(self.to_scene(line)) for line in lines]
         points = np.concatenate(outline or [np.zeros((1, 2, 3))])
@@ -225,7 +223,7 @@ class CameraCanvas:
         corners, faces = overlays.make_ball()
         at_rest = self.paint(rest)
         self.proxy_node = server.scene.add_batched_meshes_simple(
-            MATTER,
+            "/matter",
             corners,
             faces,
             self.drag_proxies.orientations(FLIP),

@@ -15,7 +15,6 @@ from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
-HELP = Path(__file__).with_name("help.md")
 REFRESH_S = 0.25  # time between two updates of plots and rates [s]
 WIDEST = 0.2  # largest radius of the brush as a share of the image's width
 THEME: Any = {
@@ -58,7 +57,7 @@ class ControlPanel:
         self.plots = HistoryPlots(gui, d=len(session.q), span_s=session.config.history_s)
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
-            gui.add_markdown(HELP.read_text(encoding="utf-8"))
+            gui.add_markdown(Path(__file__).with_name("help.md").read_text(encoding="utf-8"))
 
     def notify(self, text: str) -> None:
         """Show a line to every visitor for some seconds."""
