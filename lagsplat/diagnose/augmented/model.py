@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect, make_direction
+from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -112,7 +112,7 @@ def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> A
     nuisance = replace(simulator.nuisance, directions=np.zeros((0, flatten_coefficients(model).size)))
     effects = []
     for placed in simulator.effects:
-        along = placed.direction and make_direction(placed.direction.name, placed.direction.covector, model)
+        along = placed.direction and Direction.of(placed.direction.name, placed.direction.covector, model)
         effects.append(replace(placed, direction=along))
     n = sum(placed.size for placed in effects)
     x = np.concatenate([simulator.x[:n], np.zeros(nuisance.size)])

@@ -5,7 +5,7 @@ Each effect says itself which element of MuJoCo is its counterpart (`Effect.mujo
 joint, the diagonal of the mass matrix at rest; in the file it is a force again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.effects.base import Effect, ForceEffect, InputEffect
+from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
 from lagsplat.diagnose.simulators.mujoco_model import (
     MujocoSelection,
     load_mujoco,
@@ -152,7 +152,12 @@ def patch_augmented(
             variant=placed.variant,
             stiffness=placed.effect.stiffness_unit(placed.scales, placed.variant),
         )
-        written = _write_effect(placed.effect, element, simulator.parameters(n))
+        effect = placed.effect
+        several_joints = element.joint is None and isinstance(effect, ForceEffect) and effect.whole is None
+        several_actuators = element.actuator is None and isinstance(effect, InputEffect)
+        if isinstance(effect.mujoco, str) or several_joints or several_actuators:
+            return ()
+        written = effect.mujoco(element, simulator.parameters(n))
         if not written:
             return ()
         changed += written
@@ -167,15 +172,6 @@ def patch_augmented(
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(spec.to_xml(), encoding="utf-8")
     return tuple(changed)
-
-
-def _write_effect(effect: Effect, element: MujocoElement, values: Mapping[str, float]) -> tuple[str, ...]:
-    """Nothing where MuJoCo has no counterpart, or the effect needs one joint or actuator and gets several."""
-    several_joints = element.joint is None and isinstance(effect, ForceEffect) and effect.whole is None
-    several_actuators = element.actuator is None and isinstance(effect, InputEffect)
-    if isinstance(effect.mujoco, str) or several_joints or several_actuators:
-        return ()
-    return effect.mujoco(element, values)
 
 
 def _find_element(elements: Sequence[Any], names: Sequence[str], index: int | None, path: Path) -> Any:

@@ -90,8 +90,8 @@ class Effect(EffectDescription):
     acts_everywhere: bool = False  # may act at all its places at once, with parameters of its own at each
     between_variants: tuple[str, ...] = ()
     """Variants that may also act between two coordinates: in the joint of two bodies."""
-    place: Callable[[Any, "PlacementProblem"], list["PlacedEffect"]] | None = None
-    """``place(effect, problem)``: the places where it may act, where `place_effect` does not serve."""
+    place: Callable[[Any, "PlaceFinder"], list["PlacedEffect"]] | None = None
+    """``place(effect, finder)``: the places where it may act, where ``along`` does not say it."""
     stiffness_unit: Callable[[Scales, str], float] = field(default=lambda scales, variant: scales.stiffness)
     """What stiffness ratios of a variant are counted in [1/s^2]."""
     report_parameters: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
@@ -202,17 +202,15 @@ class Direction:
     inertia: float
     rest: float = 0.0  # `p.rest`
 
+    @classmethod
+    def of(cls, name: str | None, covector: Float64[np.ndarray, " d"], model: MechanicalModel) -> "Direction":
+        """A covector with the inertia and the rest that a model has along it."""
+        along = covector / float(covector @ covector)
+        return cls(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))
+
     def shift(self, y: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Coordinates ``y`` (..., d) moved by ``s`` (...) along the direction."""
         return y + s[..., None] * (self.covector / (self.covector @ self.covector))
-
-
-def make_direction(
-    name: str | None, covector: Float64[np.ndarray, " d"], model: MechanicalModel
-) -> Direction:
-    """A covector with the inertia and the rest that a model has along it."""
-    along = covector / float(covector @ covector)
-    return Direction(name, covector, float(along @ model.inertia @ along), float(covector @ model.rest))
 
 
 @dataclass(frozen=True)
@@ -290,8 +288,8 @@ class DisturbanceHints:
 
 
 @dataclass(frozen=True)
-class PlacementProblem:
-    """The mechanism and the recording at hand, as far as effects need them to be placed."""
+class PlaceFinder:
+    """Finds the places of effects, from what matters for it of a mechanism and its recording."""
 
     coordinates: tuple[Direction, ...]
     pairs: tuple[Direction, ...]  # along the difference of each two coordinates; empty where there are many
@@ -303,40 +301,39 @@ class PlacementProblem:
     longest_clips: tuple[int, ...]  # clips long enough to show where a memory began
     constant_inertia: bool
 
-
-def place_effect(effect: Effect, problem: PlacementProblem) -> list[PlacedEffect]:
-    """Every place that ``effect.along`` and ``effect.between_variants`` allow, variant by variant."""
-    placed: list[PlacedEffect] = []
-    if isinstance(effect, InputEffect) and effect.along == "each":
-        for channel, name, scales in problem.inputs:
-            placed.append(PlacedEffect(effect, scales, channel=channel, input_name=name))
-        return _add_joint_placement(placed)
-    if isinstance(effect, InputEffect) and not problem.inputs:
+    def find(self, effect: Effect) -> list[PlacedEffect]:
+        """Every place that the effect itself names, or else its ``along`` and ``between_variants``."""
+        if effect.place is not None:
+            return effect.place(effect, self)
+        placed: list[PlacedEffect] = []
+        if isinstance(effect, InputEffect) and effect.along == "each":
+            for channel, name, scales in self.inputs:
+                placed.append(PlacedEffect(effect, scales, channel=channel, input_name=name))
+            return _add_joint_placement(placed)
+        if isinstance(effect, InputEffect) and not self.inputs:
+            return placed
+        # a force on the whole of one coordinate is the force along it
+        single = isinstance(effect, ForceEffect) and len(self.coordinates) == 1
+        for variant in effect.variants:
+            if effect.along != "whole":
+                placed += self.find_along_coordinates(effect, variant)
+            if variant in effect.between_variants:
+                placed += self._find_along(effect, variant, self.pairs)
+            both = effect.along == "both" and variant == effect.variants[0]
+            if effect.along == "whole" or (both and not single):
+                placed.append(PlacedEffect(effect, self.whole, variant))
         return placed
-    # a force on the whole of one coordinate is the force along it
-    single = isinstance(effect, ForceEffect) and len(problem.coordinates) == 1
-    for variant in effect.variants:
-        if effect.along != "whole":
-            placed += place_along_coordinates(effect, variant, problem)
-        if variant in effect.between_variants:
-            placed += _place_along(effect, variant, problem.pairs, problem)
-        both = effect.along == "both" and variant == effect.variants[0]
-        if effect.along == "whole" or (both and not single):
-            placed.append(PlacedEffect(effect, problem.whole, variant))
-    return placed
 
+    def find_along_coordinates(self, effect: Effect, variant: str = "") -> list[PlacedEffect]:
+        """The effect along each coordinate, and everywhere at once if it may act so."""
+        return _add_joint_placement(self._find_along(effect, variant, self.coordinates))
 
-def place_along_coordinates(effect: Effect, variant: str, problem: PlacementProblem) -> list[PlacedEffect]:
-    """The effect along each coordinate, and everywhere at once if it may act so."""
-    return _add_joint_placement(_place_along(effect, variant, problem.coordinates, problem))
-
-
-def _place_along(
-    effect: Effect, variant: str, directions: Sequence[Direction], problem: PlacementProblem
-) -> list[PlacedEffect]:
-    if isinstance(effect, ForceEffect) and effect.memory_kinds:
-        effect = effect.with_free_memory(problem.longest_clips)
-    return [PlacedEffect(effect, problem.measure(along, variant), variant, along) for along in directions]
+    def _find_along(
+        self, effect: Effect, variant: str, directions: Sequence[Direction]
+    ) -> list[PlacedEffect]:
+        if isinstance(effect, ForceEffect) and effect.memory_kinds:
+            effect = effect.with_free_memory(self.longest_clips)
+        return [PlacedEffect(effect, self.measure(along, variant), variant, along) for along in directions]
 
 
 def _add_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:

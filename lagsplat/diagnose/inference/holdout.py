@@ -13,12 +13,8 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import HOLDOUT
 from lagsplat.diagnose.core.result import Block, Gap, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import WindowSet
-from lagsplat.diagnose.estimation.multiple_shooting import (
-    GaussianPrior,
-    differentiate_predictions,
-    fit_multiple_shooting,
-)
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
@@ -74,11 +70,15 @@ def forecast_blocks(
 
     seen_so_far = (data.weight > 0.0).any(axis=2).cumsum(axis=1)
     early = data.weight * (seen_so_far <= HOLDOUT.start_samples)[..., None]
-    no_prior = GaussianPrior(*[no_parameters] * 4)
+    no_prior = shooting.GaussianPrior(*[no_parameters] * 4)
     starts, first = problem.initial_states, replace(data, weight=early)
-    fit = fit_multiple_shooting(predict, no_parameters, starts, first, no_prior, iterations=8, tolerance=1e-6)
+    fit = shooting.fit_multiple_shooting(
+        predict, no_parameters, starts, first, no_prior, iterations=8, tolerance=1e-6
+    )
     flat = replace(data, weight=np.ones_like(early))
-    residual, _, slopes = differentiate_predictions(predict, no_parameters, fit.starts, flat, no_parameters)
+    residual, _, slopes = shooting.differentiate_predictions(
+        predict, no_parameters, fit.starts, flat, no_parameters
+    )
     n_blocks, length, d = early.shape
     slopes = slopes.reshape(n_blocks, length * d, -1)
     is_seen = (early.reshape(n_blocks, -1) > 0.0)[..., None]

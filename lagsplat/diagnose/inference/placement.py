@@ -10,14 +10,7 @@ from jaxtyping import Float64
 from scipy.signal import find_peaks
 
 from lagsplat.diagnose.core.config import PLACEMENT
-from lagsplat.diagnose.effects.base import (
-    Direction,
-    DisturbanceHints,
-    PlacedEffect,
-    PlacementProblem,
-    make_direction,
-    place_effect,
-)
+from lagsplat.diagnose.effects.base import Direction, DisturbanceHints, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import compute_clock_shifts
@@ -47,11 +40,9 @@ def place_effects(
     joints = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
     # the longest clips show best where a memory began
     by_length = np.argsort(np.diff(record.clips, axis=1)[:, 0], kind="stable")[::-1]
-    problem = PlacementProblem(
-        coordinates=tuple(make_direction(name, eye[i], model) for i, name in enumerate(q_names)),
-        pairs=tuple(
-            make_direction(f"{q_names[j]} - {q_names[i]}", eye[j] - eye[i], model) for i, j in joints
-        ),
+    finder = PlaceFinder(
+        coordinates=tuple(Direction.of(name, eye[i], model) for i, name in enumerate(q_names)),
+        pairs=tuple(Direction.of(f"{q_names[j]} - {q_names[i]}", eye[j] - eye[i], model) for i, j in joints),
         hints=tuple(hints),
         inputs=tuple(inputs),
         measure=partial(measure_motion_scales, rollout_model),
@@ -59,10 +50,8 @@ def place_effects(
         longest_clips=tuple(sorted(by_length[: PLACEMENT.free_memory_clips].tolist())),
         constant_inertia=len(model.mass) == 1,
     )
-    placed = []
-    for effect in catalogue().values():
-        if effect.name not in without:
-            placed += (effect.place or place_effect)(effect, problem)
+    effects = (effect for effect in catalogue().values() if effect.name not in without)
+    placed = [place for effect in effects for place in finder.find(effect)]
     return [place for place in placed if place.scales.reach > 0.0]
 
 
@@ -90,7 +79,7 @@ def measure_largest_motion_scales(rollout_model: RolloutModel) -> Scales:
     """Sizes of the coordinate that moves most, by its kinetic energy."""
     model = rollout_model.model
     energy = np.diag(model.inertia) * np.mean(rollout_model.dataset.v**2, axis=0)
-    largest = make_direction(None, np.eye(model.d)[int(np.argmax(energy))], model)
+    largest = Direction.of(None, np.eye(model.d)[int(np.argmax(energy))], model)
     return measure_motion_scales(rollout_model, largest)
 
 

@@ -14,21 +14,8 @@ from lagsplat.diagnose.core.config import PROBLEM, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.estimation.dataset import (
-    Dataset,
-    PreparedDataset,
-    WindowSet,
-    cut_windows,
-    prepare_dataset,
-)
-from lagsplat.diagnose.estimation.multiple_shooting import (
-    GaussianPrior,
-    ShootingData,
-    ShootingFit,
-    differentiate_predictions,
-    eliminate_starts,
-    fit_multiple_shooting,
-)
+from lagsplat.diagnose.estimation import multiple_shooting as shooting
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows, prepare_dataset
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -65,10 +52,10 @@ class EstimationProblem:
         return (self.windows.mask() > 0.0) & self.windows.take(self.repeated_samples)
 
     @cached_property
-    def data(self) -> ShootingData:
+    def data(self) -> shooting.ShootingData:
         """The windows' samples with their weights, 1 / sigma, and the steps of the initial states."""
         q, v = self.dataset.q, self.dataset.v
-        return ShootingData(
+        return shooting.ShootingData(
             self.windows.take(q),
             (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
             1e-4 * np.concatenate([np.std(q, axis=0), np.std(v, axis=0)]),
@@ -94,7 +81,7 @@ class EstimationProblem:
         """The rollout function of a set of effects, of parameters and initial states."""
         return lambda x, starts: self.rollout_model.roll_out(effects, x, starts, self.windows)[0]
 
-    def prior(self, effects: Sequence[PlacedEffect]) -> GaussianPrior:
+    def prior(self, effects: Sequence[PlacedEffect]) -> shooting.GaussianPrior:
         """Prior of the parameters in a fit, narrowed by the noise inflation."""
         prior = make_joint_prior(effects, self.rollout_model)
         return replace(prior, deviation=prior.deviation / np.sqrt(self.noise_inflation))
@@ -105,35 +92,36 @@ class EstimationProblem:
         x: np.ndarray,
         starts: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> ShootingFit:
+        prior: shooting.GaussianPrior | None = None,
+    ) -> shooting.ShootingFit:
         """Fit the parameters of ``effects`` and the nuisance parameters by multiple shooting.
 
         It begins with ``x``, the parameters in this order, and with ``starts`` (W, 2 d), by default
         `initial_states`. ``known`` are a nearby fit's derivatives by the nuisance parameters and the starts.
         """
-        return fit_multiple_shooting(
+        return shooting.fit_multiple_shooting(
             self.predict(effects),
             x,
             self.initial_states if starts is None else starts,
             self.data,
-            self.prior(effects),
+            prior or self.prior(effects),
             iterations=self.iterations,
             tolerance=self.tolerance,
             known=known,
         )
 
 
-def compute_excess_penalty(fit: ShootingFit, noise_inflation: float) -> float:
+def compute_excess_penalty(fit: shooting.ShootingFit, noise_inflation: float) -> float:
     """Penalty of the nuisance parameters beyond what their prior allows, in the units of the misfit."""
     return max(fit.penalty - PROBLEM.max_squared_deviation * noise_inflation, 0.0)
 
 
-def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> GaussianPrior:
+def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> shooting.GaussianPrior:
     """Gaussian prior of the parameters of ``effects``, then of the nuisance parameters."""
     priors = [p.prior for e in effects for p in e.effect.parameters]
     nuisance = rollout_model.nuisance.deviation
     deviation = np.concatenate([[p.deviation for p in priors], nuisance])
-    return GaussianPrior(
+    return shooting.GaussianPrior(
         np.concatenate([[p.mean for p in priors], np.zeros(len(nuisance))]),
         deviation,
         np.concatenate([[p.lowest for p in priors], np.full(len(nuisance), -np.inf)]),
@@ -184,7 +172,10 @@ def build_problem(
     windows = cut_windows(record, length_s=reach_s, min_frames=20)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=longest_s, min_frames=20)
-    like = select_known_windows(sim, windows, ready)
+    like = np.ones(len(windows.first), dtype=bool)  # windows that move as the sim was seen to move
+    if sim.novelty_detector is not None:
+        similar = sim.novelty_detector.find_similar(windows, ready.smooth, record)
+        like = similar if similar.sum() > PROBLEM.min_known_share * len(like) else like
     problem = EstimationProblem(
         RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth),
         windows=windows.select(like),
@@ -200,16 +191,6 @@ def build_problem(
     return problem.with_nuisance(replace(nuisance, directions=kept))
 
 
-def select_known_windows(
-    sim: EstimatedSimulator, windows: WindowSet, ready: PreparedDataset
-) -> Bool[np.ndarray, " W"]:
-    """Mask of the windows that move as the sim was seen to move; all where too few do, or none is known."""
-    if sim.novelty_detector is None:
-        return np.ones(len(windows.first), dtype=bool)
-    like = sim.novelty_detector.find_similar(windows, ready.smooth, ready.dataset)
-    return like if like.sum() > PROBLEM.min_known_share * len(like) else np.ones_like(like)
-
-
 def select_visible_directions(
     problem: EstimationProblem, freedom: Float64[np.ndarray, "R K"]
 ) -> Float64[np.ndarray, "r K"]:
@@ -219,10 +200,10 @@ def select_visible_directions(
     prior, n = make_joint_prior((), problem.rollout_model), problem.rollout_model.nuisance.size
     step = prior.step.copy()
     step[n - len(freedom) :] = 0.1
-    linear = differentiate_predictions(
+    linear = shooting.differentiate_predictions(
         problem.predict(()), np.zeros(n), problem.initial_states, problem.data, step
     )
-    curvature, *_ = eliminate_starts(*linear)
+    curvature, *_ = shooting.eliminate_starts(*linear)
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom
@@ -275,7 +256,7 @@ class HypothesisFit:
     """A set of effects, fitted to the data. The sim alone (`none`) is the empty set."""
 
     effects: tuple[PlacedEffect, ...]
-    fit: ShootingFit
+    fit: shooting.ShootingFit
     log_evidence: float = float("nan")  # log evidence over `none` [nat]
     noise: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     """Parameters of an effect on single samples: estimate and both ends of the 90 % interval."""

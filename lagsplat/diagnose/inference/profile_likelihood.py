@@ -11,19 +11,13 @@ from lagsplat.diagnose.core.config import PROFILES, VERDICT
 from lagsplat.diagnose.core.result import Parameter
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.parameters import UNITS
+from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import Dataset
-from lagsplat.diagnose.estimation.multiple_shooting import (
-    GaussianPrior,
-    ShootingFit,
-    compute_penalty,
-    eliminate_starts,
-    fit_multiple_shooting,
-)
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, make_joint_prior
 
 
 def compute_posterior_deviations(
-    fit: ShootingFit, prior: GaussianPrior, noise_inflation: float
+    fit: shooting.ShootingFit, prior: shooting.GaussianPrior, noise_inflation: float
 ) -> Float64[np.ndarray, " k"]:
     """Standard deviations of all parameters by Laplace's approximation."""
     h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
@@ -31,7 +25,7 @@ def compute_posterior_deviations(
 
 
 def compute_laplace_interval(
-    hypothesis: HypothesisFit, prior: GaussianPrior, noise_inflation: float
+    hypothesis: HypothesisFit, prior: shooting.GaussianPrior, noise_inflation: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Parameters of the effects at both ends of their 90 % intervals."""
     n = hypothesis.n_effect_parameters
@@ -148,6 +142,7 @@ def _profile_parameter(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values of one parameter on both sides of the best, and the log likelihood of the best fit at each."""
     best, prior = hypothesis.fit, problem.prior(hypothesis.effects)
+    brief = replace(problem, iterations=PROFILES.iterations)
     rows = [(best.x[at], 0.0)]
     for side in (-1.0, 1.0):
         x, starts = best.x, best.starts
@@ -160,18 +155,9 @@ def _profile_parameter(
             pinned.mean[at], pinned.deviation[at] = value, PROFILES.pin_deviation * spread
             moved = x.copy()
             moved[at] = value
-            fit = fit_multiple_shooting(
-                problem.predict(hypothesis.effects),
-                moved,
-                starts,
-                problem.data,
-                pinned,
-                iterations=PROFILES.iterations,
-                tolerance=problem.tolerance,
-                known=hypothesis.nearby_slopes,
-            )
+            fit = brief.fit(hypothesis.effects, moved, starts, hypothesis.nearby_slopes, pinned)
             x, starts = fit.x, fit.starts
-            penalty = float(compute_penalty(fit.x[None], prior)[0])
+            penalty = float(shooting.compute_penalty(fit.x[None], prior)[0])
             by_prior = 0.5 * (penalty - best.penalty) / problem.noise_inflation
             loss = 0.5 * (fit.misfit - best.misfit) / noise_inflation + by_prior
             rows.append((float(value), -loss))
@@ -232,7 +218,7 @@ def _unexplained_square(problem: EstimationProblem, change: np.ndarray, other: H
     """What regression of a ``change`` on the ``other`` effect and all nuisance parameters leaves, squared."""
     fit = other.fit
     deviation = make_joint_prior(other.effects, problem.rollout_model).deviation
-    curvature, gradient, _, _, start_moves = eliminate_starts(change, fit.slopes, fit.start_slopes)
+    curvature, gradient, _, _, start_moves = shooting.eliminate_starts(change, fit.slopes, fit.start_slopes)
     # the effect itself has a flat prior, the nuisance parameters keep theirs
     of_effect = np.arange(len(deviation)) < other.n_effect_parameters
     precision = np.where(of_effect, 1e-9 * np.diag(curvature), 1.0 / deviation**2)

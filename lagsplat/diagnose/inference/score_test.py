@@ -8,12 +8,7 @@ import numpy as np
 
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.parameters import HalfNormal
-from lagsplat.diagnose.estimation.multiple_shooting import (
-    GaussianPrior,
-    ShootingFit,
-    differentiate_predictions,
-    eliminate_starts,
-)
+from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.inference.problem import EstimationProblem
 
 
@@ -29,7 +24,7 @@ class ScoreTestResult:
 def score_test(
     problem: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
-    fit: ShootingFit,
+    fit: shooting.ShootingFit,
     candidates: Sequence[PlacedEffect],
 ) -> list[ScoreTestResult]:
     """The misfit that each candidate would remove beside ``effects``, to first order; the largest first.
@@ -37,7 +32,9 @@ def score_test(
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
     prior = problem.prior(effects)
-    linear = differentiate_predictions(problem.predict(effects), fit.x, fit.starts, problem.data, prior.step)
+    linear = shooting.differentiate_predictions(
+        problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
+    )
     scores = []
     for candidate in candidates:
         if not candidate.changes_motion:
@@ -55,7 +52,10 @@ def score_test(
 
 
 def _trial_changes(
-    problem: EstimationProblem, effects: tuple[PlacedEffect, ...], fit: ShootingFit, candidate: PlacedEffect
+    problem: EstimationProblem,
+    effects: tuple[PlacedEffect, ...],
+    fit: shooting.ShootingFit,
+    candidate: PlacedEffect,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Each point of the grid of shapes, with amplitudes zero, and its change of the motion (W, M, n).
 
@@ -90,16 +90,16 @@ def _trial_changes(
 
 
 def _score_gain(
-    fit: ShootingFit,
+    fit: shooting.ShootingFit,
     linear: tuple[np.ndarray, np.ndarray, np.ndarray],
-    prior: GaussianPrior,
+    prior: shooting.GaussianPrior,
     change: np.ndarray,
     candidate: PlacedEffect,
 ) -> tuple[float, np.ndarray]:
     """Misfit that the best amount of a change removes, and that amount, all other parameters refitted."""
     residual, slopes, start_slopes = linear
     k, amplitudes = slopes.shape[2], candidate.effect.parameters[: candidate.effect.amplitudes]
-    curvature, gradient, *_ = eliminate_starts(
+    curvature, gradient, *_ = shooting.eliminate_starts(
         residual, np.concatenate([slopes, change], axis=2), start_slopes
     )
     # the penalty counts as well: an effect gains by letting the nuisance parameters return

@@ -9,14 +9,7 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import (
-    Effect,
-    ForceEffect,
-    Grade,
-    PlacedEffect,
-    PlacementProblem,
-    place_along_coordinates,
-)
+from lagsplat.diagnose.effects.base import Effect, ForceEffect, Grade, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -44,10 +37,10 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     return make_grade(yes, measures.periods > 6, reason, record)
 
 
-def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
     places = []
-    for placed, hints in zip(place_along_coordinates(effect, "", problem), problem.hints, strict=True):
+    for placed, hints in zip(finder.find_along_coordinates(effect), finder.hints, strict=True):
         unit = placed.scales.of("rate")
         grid = tuple((2.0 * np.pi * line / unit,) for line in hints.lines_hz)
         if grid:

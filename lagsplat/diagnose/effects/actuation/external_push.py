@@ -10,16 +10,9 @@ from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.core.config import IMPLAUSIBILITY
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import (
-    DisturbanceHints,
-    ForceEffect,
-    Grade,
-    PlacedEffect,
-    PlacementProblem,
-    place_along_coordinates,
-)
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 N_PUSHES = 3  # most pushes in one recording; the law below is compiled for as many
@@ -54,26 +47,24 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     return make_grade(measures.periods > 6, measures.periods > 3, reason, record)
 
 
-def place(effect: ForceEffect, problem: PlacementProblem) -> list[PlacedEffect]:
-    """Along each coordinate, at the times where the force that the simulation lacks is largest."""
-    places = place_along_coordinates(effect, "", problem)
-    grids = [_push_grid(hints, placed.scales) for hints, placed in zip(problem.hints, places, strict=True)]
-    return [replace(placed, grid=grid) for placed, grid in zip(places, grids, strict=True) if grid]
+def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
+    """Along each coordinate, with the strongest pushes of the force that the simulation lacks.
 
-
-def _push_grid(hints: DisturbanceHints, scales: Scales) -> tuple[tuple[float, ...], ...]:
-    """The strongest pushes together, each as long as its event, or half of it."""
-    unit, pushes = scales.of("time"), hints.pushes[:N_PUSHES]
-    if not pushes:
-        return ()
-    rows = []
-    for share in (1.0, 0.5):
-        middle = [0.5 * (start + end) / unit for start, end in pushes]
-        lasts = [share * max(end - start, scales.frame_s) / unit for start, end in pushes]
-        # a push that is not needed is put where no window is
+    The search first tries them together, each as long as its event, and half as long.
+    """
+    places = []
+    for placed, hints in zip(finder.find_along_coordinates(effect), finder.hints, strict=True):
+        unit, frame_s, pushes = placed.scales.of("time"), placed.scales.frame_s, hints.pushes[:N_PUSHES]
         absent = N_PUSHES - len(pushes)
-        rows.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
-    return tuple(rows)
+        middle = [0.5 * (start + end) / unit for start, end in pushes]
+        grid = []
+        for share in (1.0, 0.5):
+            lasts = [share * max(end - start, frame_s) / unit for start, end in pushes]
+            # a push that is not needed is put where no window is
+            grid.append((*middle, *[-1e3] * absent, *lasts, *[1.0] * absent))
+        if pushes:
+            places.append(replace(placed, grid=tuple(grid)))
+    return places
 
 
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:

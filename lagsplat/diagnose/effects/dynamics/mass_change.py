@@ -8,14 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import (
-    CoefficientBatch,
-    Grade,
-    ModelEffect,
-    PlacedEffect,
-    PlacementProblem,
-    place_along_coordinates,
-)
+from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -66,11 +59,11 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     return (masses, f"gravity {element.format_row(spec.option.gravity)}, so that the weight stays")
 
 
-def place(effect: ModelEffect, problem: PlacementProblem) -> list[PlacedEffect]:
+def place(effect: ModelEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate and on the whole; weight acts on the whole alone."""
-    single = problem.constant_inertia and len(problem.coordinates) == 1  # then both are the same
-    along = [] if single else place_along_coordinates(effect, "", problem)
-    return [*along, *(PlacedEffect(effect, problem.whole, variant) for variant in effect.variants)]
+    single = finder.constant_inertia and len(finder.coordinates) == 1  # then both are the same
+    along = [] if single else finder.find_along_coordinates(effect)
+    return [*along, *(PlacedEffect(effect, finder.whole, variant) for variant in effect.variants)]
 
 
 EFFECT = ModelEffect(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.effects.base import DisturbanceHints, ForceEffect, InputEffect, make_direction
+from lagsplat.diagnose.effects.base import Direction, DisturbanceHints, ForceEffect, InputEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.placement import (
     extract_hints,
@@ -103,7 +103,7 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
 
 def test_sizes_are_those_of_the_motion(driven: EstimationProblem) -> None:
     record, model = driven.rollout_model.dataset, driven.rollout_model.model
-    place = make_direction("q0", np.ones(1), driven.rollout_model.model)
+    place = Direction.of("q0", np.ones(1), driven.rollout_model.model)
     size = measure_motion_scales(driven.rollout_model, place)
     assert size.coordinate == pytest.approx(np.sqrt(np.mean(record.q**2)), rel=5e-3)
     assert size.velocity == pytest.approx(np.sqrt(np.mean(record.v**2)), rel=1e-6)
