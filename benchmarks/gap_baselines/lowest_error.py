@@ -18,10 +18,9 @@ from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import WindowSet
 from lagsplat.diagnose.identification.estimated_simulator import estimate_simulator
 from lagsplat.diagnose.inference.holdout import Forecast, cut_blocks, forecast_blocks, split_windows
-from lagsplat.diagnose.inference.model_selection import fit_candidate
+from lagsplat.diagnose.inference.model_selection import fit_candidate, score_test
 from lagsplat.diagnose.inference.placement import extract_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, build_problem
-from lagsplat.diagnose.inference.score_test import score_test
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 
 

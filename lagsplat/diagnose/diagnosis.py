@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lagsplat.diagnose.core.config import MATERIALITY, DiagnoseConfig
+from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -13,7 +13,6 @@ from lagsplat.diagnose.inference import posterior
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
-from lagsplat.diagnose.inference.plausibility import assess_implausibility
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
 from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
@@ -74,8 +73,8 @@ def diagnose(
         ranking,
         chain,
         posterior.GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
-        most=posterior.compute_motionless_misfit(problem),
-        doubt=partial(assess_implausibility, problem, ranking, nominal=budget.nominal),
+        most=problem.motionless_misfit,
+        doubt=partial(posterior.assess_implausibility, problem, ranking, nominal=budget.nominal),
     )
     best, warnings = judgement.best, _list_warnings(problem)
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
@@ -163,12 +162,12 @@ def _is_immaterial(
     if holdout is None:
         return False
     gap, misfit = holdout.gap, ranking.none.fit.misfit / problem.degrees_of_freedom
-    if misfit < MATERIALITY.overestimated_noise_misfit and gap.before <= gap.floor:
+    if misfit < VERDICT.overestimated_noise_misfit and gap.before <= gap.floor:
         return True
     return (
-        best.log_evidence < MATERIALITY.certain_log_evidence
+        best.log_evidence < VERDICT.certain_log_evidence
         and gap.before - gap.after < config.materiality * gap.before
-        and gap.before < MATERIALITY.close_floor_ratio * gap.floor
+        and gap.before < VERDICT.close_floor_ratio * gap.floor
     )
 
 
@@ -190,7 +189,7 @@ def _list_candidates(
             continue
         hypothesis, placed = fits[name]
         closure = None
-        if number < MATERIALITY.max_closures and holdout is not None and placed.changes_motion:
+        if number < VERDICT.max_closures and holdout is not None and placed.changes_motion:
             closure = estimate_single_closure(problem, hypothesis, holdout)
         out.append(
             Candidate(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import CALIBRATION_CHECKS, ESTIMATED_SIMULATOR, DiagnoseConfig
+from lagsplat.diagnose.core.config import CALIBRATION_CHECKS, IDENTIFICATION, DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
@@ -197,7 +197,7 @@ def _simulator_findings(
         why = "a step that is interpolated linearly between two samples acts half a sample early"
         remedy = "set diagnose.input_hold=zoh to hold inputs in any case"
         findings.append(Finding("note", "held inputs", source, what, why, remedy))
-    if sim.misfit > ESTIMATED_SIMULATOR.diverged_misfit:
+    if sim.misfit > IDENTIFICATION.diverged_misfit:
         size = f"{np.sqrt(sim.misfit):.0f} times their noise within two periods"
         if nominal:
             files = ", ".join(motion.source for motion in nominal)

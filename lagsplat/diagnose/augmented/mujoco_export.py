@@ -15,12 +15,7 @@ from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
-from lagsplat.diagnose.simulators.mujoco_model import (
-    MujocoSelection,
-    load_mujoco,
-    make_mujoco_fields,
-    require_mujoco,
-)
+from lagsplat.diagnose.simulators import mujoco_model
 
 WEAK_SPRING = 1e-6  # stiffness, relative to its force, of a spring that stands for a constant force
 
@@ -33,7 +28,7 @@ class MujocoElement:
     """
 
     spec: Any  # the `mujoco.MjSpec`
-    selection: MujocoSelection
+    selection: mujoco_model.MujocoSelection
     """The compiled model, with the joints and actuators that are coordinates and inputs."""
     joint: Any  # none where the effect acts on all of several joints
     actuator: Any
@@ -46,7 +41,7 @@ class MujocoElement:
     @property
     def mujoco(self) -> Any:
         """The module, for its enumerations."""
-        return require_mujoco()
+        return mujoco_model.require_mujoco()
 
     @property
     def angle_unit(self) -> float:
@@ -134,9 +129,9 @@ def patch_augmented(
     directions = [placed.direction for placed in simulator.effects if placed.direction is not None]
     if any(np.count_nonzero(direction.covector) > 1 for direction in directions):
         return ()  # between two joints
-    selection = load_mujoco(path, joints=joints, actuators=actuators)
-    mass = make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
-    spec = require_mujoco().MjSpec.from_file(str(path))
+    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators)
+    mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
+    spec = mujoco_model.require_mujoco().MjSpec.from_file(str(path))
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):
         along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))

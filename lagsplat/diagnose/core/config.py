@@ -346,15 +346,6 @@ class ESTIMATION:
 # --- Identification
 
 
-class ESTIMATED_SIMULATOR:
-    """Windows on which a simulator is fitted to its own recordings. Commit 0e95f8e."""
-
-    diverged_misfit: float = 50.0  # mean square residual of windows too long to follow [noise variances]
-    fit_tolerance: float = 1e-4  # gain of a step that ends the fit, as a share of the misfit [1]
-    window_scales: tuple[float, float] = (0.35, 0.12)  # window lengths about an unstable rest, relative [1]
-    min_window_frames: int = 12  # frames of a window, at least [count]
-
-
 class NOVELTY:
     """Windows where a simulator was never seen, and outliers of its own recordings. Commit 937389d."""
 
@@ -368,14 +359,18 @@ class NOVELTY:
     min_windows: int = 8  # windows from which outliers are sought [count]: fewer have no reliable median
 
 
-class STRUCTURE_SEARCH:
-    """Growth of the polynomial law of an estimated simulator. Commit 66f7fa5."""
+class IDENTIFICATION:
+    """Fits of a simulator to its own recordings. Commit 66f7fa5, the last four 0e95f8e."""
 
     max_inertia_coupling: float = 0.3  # prior standard deviation between two coordinates, over their own [1]
     min_misfit_reduction: float = 0.2  # share of the misfit that a costly larger structure must remove [1]
     coefficient_deviation: float = 3.0  # prior standard deviation about the estimate, in its field's unit [1]
     equivalent_misfit_ratio: float = 1.02  # misfit, over the least one [1], up to which a simpler law does
     test_width_factors: tuple[float, ...] = (1.0, 0.5, 0.25)  # lengths of test functions, over the usual [1]
+    diverged_misfit: float = 50.0  # mean square residual of windows too long to follow [noise variances]
+    fit_tolerance: float = 1e-4  # gain of a step that ends the fit, as a share of the misfit [1]
+    window_scales: tuple[float, float] = (0.35, 0.12)  # window lengths about an unstable rest, relative [1]
+    min_window_frames: int = 12  # frames of a window, at least [count]
 
 
 # --- Given simulators
@@ -394,7 +389,7 @@ class PROJECTION:
 
 
 class IMAGES:
-    """Where in the image a force acts, and where the image is wrong. Commits 6e0f2c7, d32643f."""
+    """Where in the image a force acts, and where it is wrong. Commit 6e0f2c7, the last three d32643f."""
 
     min_contrast: float = 0.05  # contrast of the best to the worst moving point, to report the best [1]
     equivalent_share: float = 0.02  # difference of the explained share [1] within which points are equal
@@ -407,7 +402,7 @@ class IMAGES:
 
 
 class VIDEO_CHECKS:
-    """Checks of a video that a fitted run is compared with, and when it forbids a verdict. Commit 3858606."""
+    """Checks of a video that a fitted run is compared with. Commit 3858606, but for the last three."""
 
     max_frames: int = 300  # frames looked at where the video file is not there [count]
     shifted_frames: int = 24  # frames on which a shift of the image is expressed in latents [count]
@@ -421,12 +416,16 @@ class VIDEO_CHECKS:
 
 
 class PROBLEM:
-    """Which windows and directions enter an estimation."""
+    """Which windows and directions enter an estimation, and where effects are tried."""
 
     max_squared_deviation: float = 40.0  # free one of nuisances, in inflated variances [1]; a1527c2
     min_known_share: float = 0.7  # share of windows a sim must know before others are left out [1]; 937389d
     max_open_directions: int = 6  # directions that identification leaves open, at most [count]; 0e95f8e
     min_visibility: float = 0.3  # misfit's curvature along a visible one, in prior standard deviations [1]
+    max_joint_coordinates: int = 3  # coordinates up to which pairs of them are tried [count]; 71ce7a9
+    free_memory_clips: int = 3  # clips, the longest, whose memory starts free [count]; c12aa78
+    max_lines: int = 5  # spectral lines tried as a periodic force [count]; 66f7fa5
+    max_line_frequency: float = 0.2  # highest line, over the frame rate [1]; efdf4b2
 
 
 class SELECTION:
@@ -446,7 +445,7 @@ class SELECTION:
 
 
 class VERDICT:
-    """From log evidence to probabilities."""
+    """From log evidence to probabilities, and when an effect is too small to be named."""
 
     max_log_evidence: float = 200.0  # log evidence in all [nat]; more is an error of the laws; 6891504
     elastic_creep_share: float = 0.5  # time constant over the recording [1] of spring-like creep; 88ac3e6
@@ -462,6 +461,10 @@ class VERDICT:
     deviation_floor: float = 0.01  # added to that standard deviation [prior standard deviations]; 6891504
     set_lead: float = 5.0  # log posterior of a set that explains all, above single effects [nat]; df5bf1f
     interval_z: float = 1.645  # half width of a 90 % interval [standard deviations]: the quantile of 0.95
+    certain_log_evidence: float = 30.0  # that names an effect even if forecasts hardly improve [nat]; 0e95f8e
+    close_floor_ratio: float = 1.5  # forecast error over the noise floor that needs no cause [1]; 97c6964
+    overestimated_noise_misfit: float = 0.5  # mean square that needs no effect [noise variances]; 620ccf8
+    max_closures: int = 4  # candidates whose own closure is computed [count]; 0e95f8e
 
 
 class IMPLAUSIBILITY:
@@ -478,15 +481,6 @@ class IMPLAUSIBILITY:
     relaxation: float = 60.0  # factor on prior deviations [1]: thousandths become tens of per cent; 0fc4d5b
     max_nominal_misfit: float = 1.5  # of a credible relaxed sim on its recordings [noise variances]; 97c6964
     relaxed_misfit_margin: float = 0.05  # mean square it may be worse by [noise variances]; 0fc4d5b
-
-
-class PLACEMENT:
-    """Where effects are tried."""
-
-    max_joint_coordinates: int = 3  # coordinates up to which pairs of them are tried [count]; 71ce7a9
-    free_memory_clips: int = 3  # clips, the longest, whose memory starts free [count]; c12aa78
-    max_lines: int = 5  # spectral lines tried as a periodic force [count]; 66f7fa5
-    max_line_frequency: float = 0.2  # highest line, over the frame rate [1]; efdf4b2
 
 
 class PROFILES:
@@ -535,15 +529,6 @@ class ROBUSTNESS:
     iterations: int = 4  # iterations of each repeated fit [count]
     noise_seeds: tuple[int, ...] = (101, 102)  # seeds of the added noise
     frozen_warp_share: float = 1e-6  # share of the prior warp that is left where none is allowed [1]
-
-
-class MATERIALITY:
-    """When an effect is too small to be named. Commit 0e95f8e."""
-
-    certain_log_evidence: float = 30.0  # that names an effect even if forecasts hardly improve [nat]
-    close_floor_ratio: float = 1.5  # forecast error over the noise floor that needs no cause [1]; 97c6964
-    overestimated_noise_misfit: float = 0.5  # mean square that needs no effect [noise variances]; 620ccf8
-    max_closures: int = 4  # candidates whose own closure is computed [count]
 
 
 # --- Inputs and verdict of the pipelines

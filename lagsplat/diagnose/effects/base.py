@@ -73,8 +73,7 @@ class Effect(EffectDescription):
     flexible: bool = False
     """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
-    """For external effects: from the fitted parameters and the dataset, how far the recording shows that the
-    force does not depend on the state of the mechanism, from 0 to 1."""
+    """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
     absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
     component: Component | None = None  # term of the equations of motion; None for camera and clock
@@ -95,8 +94,7 @@ class Effect(EffectDescription):
     stiffness_unit: Callable[[Scales, str], float] = field(default=lambda scales, variant: scales.stiffness)
     """What stiffness ratios of a variant are counted in [1/s^2]."""
     report_parameters: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
-    """From the fitted parameters to those of a diagnosis, where they differ; ``times`` are on the clock of
-    the dataset."""
+    """The parameters of a diagnosis, where they are not those fitted; ``times`` by the dataset's clock."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
 
@@ -120,8 +118,7 @@ class ForceEffect(Effect):
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
     whole: Any = None
-    """``whole(coefficients, theta (P, k), model)``: the same on all coordinates at once, as a change of the
-    model."""
+    """``whole(coefficients, theta (P, k), model)``: the same on all coordinates, as a change of the model."""
 
     @property
     def n_law(self) -> int:

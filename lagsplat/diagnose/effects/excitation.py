@@ -89,10 +89,8 @@ def describe_reversals(measures: ExcitationMeasures) -> str:
 
 def ask_for_decay(measures: ExcitationMeasures, periods: float = 10.0) -> str:
     """Ask for a free decay over so many natural periods."""
-    return (
-        f"let it go from a large deflection and record {periods * measures.period_s:.3g} s, "
-        "until it is at rest"
-    )
+    length_s = periods * measures.period_s
+    return f"let it go from a large deflection and record {length_s:.3g} s, until it is at rest"
 
 
 def ask_for_steps(measures: ExcitationMeasures) -> str:
@@ -109,9 +107,5 @@ def grade_timing(measures: ExcitationMeasures, record: str) -> Grade:
 def grade_fast_input(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
     """A late response shows with steps of the input, or with frequencies above the natural one."""
     reason = f"{channel.name} has {channel.steps} step(s) and reaches {channel.high:.2g} natural frequencies"
-    return make_grade(
-        channel.steps >= 3 or channel.high > 1.2,
-        channel.high > 0.4,
-        reason,
-        f"drive it by steps, or up to twice the natural frequency ({1 / measures.period_s:.3g} Hz)",
-    )
+    record = f"drive it by steps, or up to twice the natural frequency ({1 / measures.period_s:.3g} Hz)"
+    return make_grade(channel.steps >= 3 or channel.high > 1.2, channel.high > 0.4, reason, record)

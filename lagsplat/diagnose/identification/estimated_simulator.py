@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, NOVELTY, DiagnoseConfig
+from lagsplat.diagnose.core.config import IDENTIFICATION, NOVELTY, DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation import dataset
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, drop_outlier_windows
@@ -57,7 +57,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
 
     def fit_windows(scale: float, without: tuple[dataset.FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = scale * config.window_periods * period_s
-        min_frames = ESTIMATED_SIMULATOR.min_window_frames
+        min_frames = IDENTIFICATION.min_window_frames
         windows = dataset.cut_windows(ready.dataset, length_s=length_s, min_frames=min_frames)
         kept = dataset.drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= NOVELTY.min_windows:
@@ -74,9 +74,9 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         )
 
     usual = fit_windows(1.0)
-    if usual.misfit < ESTIMATED_SIMULATOR.diverged_misfit:
+    if usual.misfit < IDENTIFICATION.diverged_misfit:
         return usual
-    middle_scale, short_scale = ESTIMATED_SIMULATOR.window_scales
+    middle_scale, short_scale = IDENTIFICATION.window_scales
     short = fit_windows(short_scale)  # the shortest windows show best where an outlier lies
     middle = fit_windows(middle_scale, short.outlier_spans)
     for candidate in (middle, short):

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import ESTIMATED_SIMULATOR, STRUCTURE_SEARCH, DiagnoseConfig
+from lagsplat.diagnose.core.config import IDENTIFICATION, DiagnoseConfig
 from lagsplat.diagnose.estimation.dataset import Dataset, PreparedDataset, WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -126,7 +126,7 @@ class IdentificationProblem:
             self.data,
             prior,
             iterations=iterations,
-            tolerance=ESTIMATED_SIMULATOR.fit_tolerance,
+            tolerance=IDENTIFICATION.fit_tolerance,
             exact=sensitivity.derivatives,
         )
 
@@ -153,7 +153,7 @@ class IdentificationProblem:
 def make_weak_prior(n: int) -> GaussianPrior:
     """A wide prior of ``n`` coefficients, which are counted in units of their fields."""
     return GaussianPrior(
-        np.zeros(n), np.full(n, STRUCTURE_SEARCH.coefficient_deviation), np.full(n, -np.inf), np.full(n, 1e-5)
+        np.zeros(n), np.full(n, IDENTIFICATION.coefficient_deviation), np.full(n, -np.inf), np.full(n, 1e-5)
     )
 
 
@@ -194,7 +194,7 @@ def predict_bics(
         small = pad_model(best.model, structure)
         free = list_free_directions(small, structure, problem.speed)
         kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
-        h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / STRUCTURE_SEARCH.coefficient_deviation**2
+        h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / IDENTIFICATION.coefficient_deviation**2
         gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
         predicted.append(problem.compute_bic(best.fit.misfit - gain, len(kept)))
     return predicted
@@ -232,7 +232,7 @@ def fit_first_model(
 
     if problem.dataset.d > MAX_FEW_COORDINATES:
         models = [
-            m for share in STRUCTURE_SEARCH.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)
+            m for share in IDENTIFICATION.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)
         ]
         return min(models, key=problem.compute_misfit)
     model, damped = regress(1.0, ridge, 0.1)
@@ -258,7 +258,7 @@ def search_structure(problem: IdentificationProblem, basis: Basis, test_s: float
             return best
         candidate = problem.refine(pad_model(best.model, structure), structure, best.fit.starts)
         if candidate.bic < best.bic:
-            reduction = 1.0 - STRUCTURE_SEARCH.min_misfit_reduction
+            reduction = 1.0 - IDENTIFICATION.min_misfit_reduction
             worthwhile = candidate.fit.misfit < reduction * best.fit.misfit
             best = candidate
             if problem.dataset.d > MAX_FEW_COORDINATES and not worthwhile:
@@ -308,10 +308,10 @@ def identify_model(
     if dataset.d <= MAX_FEW_COORDINATES:
         model, curvature, moves = add_unseen_terms(problem, best)
     freedom = list_uncertain_directions(
-        curvature / max(misfit, 1.0), moves, deviation=STRUCTURE_SEARCH.coefficient_deviation
+        curvature / max(misfit, 1.0), moves, deviation=IDENTIFICATION.coefficient_deviation
     )
     decoupled, remaining = decouple_inertia(model, freedom)
-    limit = STRUCTURE_SEARCH.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
+    limit = IDENTIFICATION.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
     if decoupled is not model and problem.compute_misfit(decoupled) < limit:
         model, freedom = decoupled, remaining
     return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.bic)
@@ -329,9 +329,9 @@ def decouple_inertia(
     at, across = np.diag_indices(model.d), np.triu_indices(model.d, 1)
     size = np.sqrt(np.outer(model.mass[0][at], model.mass[0][at]))[across]
     rows = freedom[:, : model.mass.size].reshape(-1, model.d, model.d)
-    slope = rows[(slice(None), *across)] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
+    slope = rows[(slice(None), *across)] / (IDENTIFICATION.max_inertia_coupling * size)
     scatter = np.linalg.inv(np.eye(len(freedom)) + slope @ slope.T)
-    far = model.mass[0][across] / (STRUCTURE_SEARCH.max_inertia_coupling * size)
+    far = model.mass[0][across] / (IDENTIFICATION.max_inertia_coupling * size)
     decoupled = shift_coefficients(model, -(scatter @ slope @ far) @ freedom)
     if np.linalg.eigvalsh(decoupled.mass[0]).min() <= 0.0:
         return model, freedom

@@ -1,6 +1,6 @@
 """Which effects explain the gap, and how sure that is: from fits of all hypotheses to probabilities.
 
-`problem` sets up data, simulator and priors, `placement` the candidates. `score_test` and `model_selection`
-choose and fit them, `posterior` compares them by their evidence. `plausibility`, `robustness`, `holdout`,
-`profile_likelihood` and `recalibration` test the result.
+`problem` sets up data, simulator and priors, `placement` the candidates. `model_selection` chooses and fits
+them, `posterior` compares them and judges. `robustness`, `holdout`, `profile_likelihood` and `recalibration`
+test the result.
 """

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import find_peaks
 
-from lagsplat.diagnose.core.config import PLACEMENT
+from lagsplat.diagnose.core.config import PROBLEM
 from lagsplat.diagnose.effects.base import Direction, DisturbanceHints, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
@@ -37,7 +37,7 @@ def place_effects(
         if np.ptp(u) > 0.0:
             scales = replace(whole, input=_rms(u), input_reach=float(np.abs(u).max()))
             inputs.append((j, u_names[j], scales))
-    joints = combinations(range(model.d if model.d <= PLACEMENT.max_joint_coordinates else 0), 2)
+    joints = combinations(range(model.d if model.d <= PROBLEM.max_joint_coordinates else 0), 2)
     # the longest clips show best where a memory began
     by_length = np.argsort(np.diff(record.clips, axis=1)[:, 0], kind="stable")[::-1]
     finder = PlaceFinder(
@@ -47,7 +47,7 @@ def place_effects(
         inputs=tuple(inputs),
         measure=partial(measure_motion_scales, rollout_model),
         whole=whole,
-        longest_clips=tuple(sorted(by_length[: PLACEMENT.free_memory_clips].tolist())),
+        longest_clips=tuple(sorted(by_length[: PROBLEM.free_memory_clips].tolist())),
         constant_inertia=len(model.mass) == 1,
     )
     effects = (effect for effect in catalogue().values() if effect.name not in without)
@@ -115,7 +115,7 @@ def find_spectral_lines(estimate: LatentForceEstimate, coordinate: int) -> tuple
     size = 4 * len(x)
     power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), size))
     frequency = np.fft.rfftfreq(size, motion.dt_s)
-    power[frequency > PLACEMENT.max_line_frequency / motion.dt_s] = 0.0
+    power[frequency > PROBLEM.max_line_frequency / motion.dt_s] = 0.0
     peaks, found = find_peaks(power[2:], height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][: PLACEMENT.max_lines]] + 2
+    best = peaks[np.argsort(found["peak_heights"])[::-1][: PROBLEM.max_lines]] + 2
     return tuple(float(frequency[i]) for i in best)

@@ -1,21 +1,22 @@
-"""From log evidence to probabilities and a verdict; sets of several effects."""
+"""From log evidence to probabilities and a verdict; sets of several effects; reasons against an explanation.
+
+A push at a given time explains anything that happens once. That it is external shows only where the mechanism
+passes through the same state again without it, and that a force is periodic only where it repeats. An effect
+with many parameters imitates a sim whose parameters are all somewhat wrong. Where the sim with relaxed priors
+fits as well, with more evidence, the effect is not the cause.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import SELECTION, VERDICT, DiagnoseConfig
+from lagsplat.diagnose.core.config import IMPLAUSIBILITY, SELECTION, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Verdict
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue, find_confusable
-from lagsplat.diagnose.inference.model_selection import (
-    ModelRanking,
-    ProgressCallback,
-    SearchBudget,
-    rank_hypotheses,
-)
-from lagsplat.diagnose.inference.plausibility import Implausibility
+from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
     HypothesisFit,
@@ -63,7 +64,7 @@ def combine_effects(
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
     *,
-    report_progress: ProgressCallback,
+    report_progress: Callable[[str], None],
 ) -> tuple[HypothesisFit, ...]:
     """The best single effect, pair and triple, as long as a larger set explains enough more.
 
@@ -153,6 +154,77 @@ def select_probable_effects(ranking: ModelRanking, config: DiagnoseConfig) -> li
 
 
 @dataclass(frozen=True)
+class Implausibility:
+    """A lower bound of P(unknown), and its reason.
+
+    ``unrepeated``: an external force in states that occur only with it. ``shapeless``: several flexible
+    effects. ``loose``: the sim with relaxed priors has more evidence.
+    """
+
+    chance: float
+    why: Literal["unrepeated", "shapeless", "loose"]
+
+
+def assess_implausibility(
+    problem: EstimationProblem, ranking: ModelRanking, hypothesis: HypothesisFit, *, nominal: float
+) -> Implausibility:
+    """The strongest reason against an explanation; none against effects on single samples."""
+    if hypothesis.moves_samples:
+        return Implausibility(0.0, "loose")
+    ahead = relaxed_model_log_evidence(
+        problem, ranking.none, hypothesis, nominal=nominal, noise_inflation=ranking.noise_inflation
+    )
+    behind = (IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter
+    loose = float(1.0 / (1.0 + np.exp(np.clip(behind, -50.0, 50.0))))
+    unrepeated = IMPLAUSIBILITY.unrepeated_chance * (1.0 - measure_recurrence(hypothesis, problem))
+    shapes = sum(placed.effect.flexible for placed in hypothesis.effects)
+    reasons = (
+        Implausibility(unrepeated, "unrepeated"),
+        Implausibility(IMPLAUSIBILITY.flexible_chance if shapes > 1 else 0.0, "shapeless"),
+        Implausibility(loose, "loose"),
+    )
+    return max(reasons, key=lambda reason: reason.chance)
+
+
+def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
+    """How clearly the data show that the external effects of a hypothesis are external, from 0 to 1.
+
+    It is 1 where there are none.
+    """
+    record, shown = problem.dataset, 1.0
+    for placed in hypothesis.effects:
+        if placed.effect.recurrence is not None:
+            parameters = hypothesis.name_parameters(placed)
+            shown = min(shown, placed.effect.recurrence(parameters, record, placed))
+    return shown
+
+
+def relaxed_model_log_evidence(
+    problem: EstimationProblem,
+    none: HypothesisFit,
+    best: HypothesisFit,
+    *,
+    nominal: float,
+    noise_inflation: float,
+) -> float:
+    """Log evidence of the sim with relaxed priors, fitted from ``none``, over that of ``best`` [nat].
+
+    Minus infinity where the relaxed sim fits worse, and where the sim misses even its own recordings
+    (``nominal`` [noise variances]): then it fits anything.
+    """
+    if nominal > IMPLAUSIBILITY.max_nominal_misfit:
+        return -np.inf
+    rollout_model = problem.rollout_model
+    loose = problem.with_nuisance(rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation))
+    fit = loose.fit((), none.fit.x, none.fit.starts)
+    noise = nominal * problem.degrees_of_freedom
+    if fit.misfit > max(best.fit.misfit, noise) + IMPLAUSIBILITY.relaxed_misfit_margin * noise:
+        return -np.inf
+    there = compute_log_evidence(HypothesisFit((), fit), loose.rollout_model, noise_inflation)
+    return there - compute_log_evidence(best, rollout_model, noise_inflation)
+
+
+@dataclass(frozen=True)
 class Judgement:
     """Probabilities of all names, the most probable first, the best explanation, and the verdict."""
 
@@ -192,13 +264,6 @@ def choose_explanation(
     return chain[0], share[0], gap.compute_unknown_probability(unexplained[0], before)
 
 
-def compute_motionless_misfit(problem: EstimationProblem) -> float:
-    """Mean square of the motion about its mean [noise variances]: the misfit of a sim that does not move."""
-    data = problem.data
-    middle = np.average(data.y, axis=(0, 1), weights=data.weight > 0.0)
-    return float((((data.y - middle) * data.weight) ** 2).sum()) / problem.degrees_of_freedom
-
-
 def judge_hypotheses(
     ranking: ModelRanking,
     chain: Sequence[HypothesisFit],
@@ -209,15 +274,9 @@ def judge_hypotheses(
 ) -> Judgement:
     """Probabilities of all names by evidence and prior, and the verdict.
 
-    P(unknown) grows with the share that the best explanation leaves, and is at least its implausibility.
-
-    Args:
-        ranking: fits of the single effects.
-        chain: the best single effect, pair and triple.
-        gap: measures what each of them leaves.
-        most: largest gap that counts, `compute_motionless_misfit`; nearly anything explains most of a
-            diverged rollout.
-        doubt: implausibility of an explanation.
+    P(unknown) grows with the share that the best explanation of the ``chain``, the best single effect, pair
+    and triple, leaves. It is at least the implausibility of that explanation, by ``doubt``. No gap larger
+    than ``most`` counts: nearly anything explains most of a diverged rollout.
     """
     scores = log_posteriors(ranking, gap.config)
     before = min(gap.compute_unexplained(ranking.none), most)

@@ -67,6 +67,13 @@ class EstimationProblem:
         w, d = self.windows, self.dataset.d
         return float((w.length.sum() - self.repeats.sum()) * d - 2 * d * len(w.first))
 
+    @property
+    def motionless_misfit(self) -> float:
+        """Mean square of the motion about its mean [noise variances]: the misfit of a sim at rest."""
+        y, weight = self.data.y, self.data.weight
+        middle = np.average(y, axis=(0, 1), weights=weight > 0.0)
+        return float((((y - middle) * weight) ** 2).sum()) / self.degrees_of_freedom
+
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""

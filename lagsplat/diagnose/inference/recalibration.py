@@ -26,15 +26,8 @@ from lagsplat.diagnose.inference.problem import (
     compute_autocorrelation_time,
     estimate_natural_periods,
 )
+from lagsplat.diagnose.mechanics import structure
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import (
-    COEFFICIENT_FIELDS,
-    MAX_FEW_COORDINATES,
-    ModelStructure,
-    list_field_sizes,
-    list_free_directions,
-    shift_coefficients,
-)
 from lagsplat.diagnose.simulators.projection import find_rest
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 
@@ -124,7 +117,7 @@ def recalibrate_simulator(
 
     training, validation = take_half(0), take_half(1)
     misfit, best = validation.compute_misfit(sim.model), None
-    few = sim.model.d <= MAX_FEW_COORDINATES
+    few = sim.model.d <= structure.MAX_FEW_COORDINATES
     for step in RECALIBRATION.degree_steps if few else RECALIBRATION.degree_steps_many:
         model = best.model if best else sim.model
         # the half with the smaller misfit counts: a law may diverge in a single window of the other
@@ -145,17 +138,17 @@ def recalibrate_simulator(
     )
 
 
-def choose_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> ModelStructure:
+def choose_structure(model: MechanicalModel, step: tuple[int, int, int, int]) -> structure.ModelStructure:
     """The coefficients that may change in a step, as far as the model has them.
 
     The mass changes only as a whole: a fitted one may be nearly singular and soon be no longer positive.
     """
-    ends = list_field_sizes(model.basis)
+    ends = structure.list_field_sizes(model.basis)
     fields = (model.mass, model.damping, model.potential, model.input_map)
     mass, damping, potential, inputs = (
         min(ends[min(k, len(ends) - 1)], len(field)) for k, field in zip(step, fields, strict=True)
     )
-    return ModelStructure(mass, damping, potential, inputs)
+    return structure.ModelStructure(mass, damping, potential, inputs)
 
 
 def fit_coefficients(
@@ -171,11 +164,11 @@ def fit_coefficients(
     prior = GaussianPrior(*(np.full(len(moves), value) for value in (0.0, deviation, -np.inf, 1e-4)))
     iterations = RECALIBRATION.iterations_factor * trial.config.identify_iterations
     fit = trial.fit_moves(model, moves, trial.initial_states, prior, iterations=iterations)
-    return CoefficientFit(shift_coefficients(model, fit.x @ moves), fit, moves)
+    return CoefficientFit(structure.shift_coefficients(model, fit.x @ moves), fit, moves)
 
 
 def find_independent_directions(
-    trial: IdentificationProblem, model: MechanicalModel, form: ModelStructure
+    trial: IdentificationProblem, model: MechanicalModel, form: structure.ModelStructure
 ) -> Float64[np.ndarray, "n K"]:
     """Independent coefficient changes, each of which changes the acceleration by its own rms.
 
@@ -186,8 +179,8 @@ def find_independent_directions(
     q, v, u = trial.smooth[at], record.v[at], record.u[at]
     base = model.acceleration(q, v, u)
     size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
-    plain, step = list_free_directions(model, form, trial.speed), RECALIBRATION.direction_step
-    moved = (shift_coefficients(model, step * move).acceleration(q, v, u) for move in plain)
+    plain, step = structure.list_free_directions(model, form, trial.speed), RECALIBRATION.direction_step
+    moved = (structure.shift_coefficients(model, step * move).acceleration(q, v, u) for move in plain)
     change = np.stack([(acceleration - base) / step for acceleration in moved])
     rows = (change @ size).reshape(len(plain), -1) / np.sqrt(len(at))
     values, vectors = np.linalg.eigh(rows @ rows.T)
@@ -201,7 +194,7 @@ def _unidentified_directions(fit: CoefficientFit, trial: IdentificationProblem) 
     The scale of the inertia is added, which no step changes: otherwise a wrong inertia of the law would
     appear as a change of mass in every diagnosis.
     """
-    inertia = [(name == "mass") * getattr(fit.model, name).ravel() for name in COEFFICIENT_FIELDS]
+    inertia = [(name == "mass") * getattr(fit.model, name).ravel() for name in structure.COEFFICIENT_FIELDS]
     moves = np.concatenate([fit.moves, np.concatenate(inertia)[None]])
     curvature, _ = trial.linearise(fit.model, moves, fit.fit.starts)
     misfit = max(fit.fit.misfit / max(trial.n_data - len(fit.moves), 1.0), 1.0)

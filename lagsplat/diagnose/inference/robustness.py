@@ -16,13 +16,7 @@ from lagsplat.diagnose.core.config import ROBUSTNESS
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import find_confusable
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_by_evidence
-from lagsplat.diagnose.inference.plausibility import Implausibility
-from lagsplat.diagnose.inference.posterior import (
-    GapMeasure,
-    Judgement,
-    compute_motionless_misfit,
-    judge_hypotheses,
-)
+from lagsplat.diagnose.inference.posterior import GapMeasure, Implausibility, Judgement, judge_hypotheses
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_autocorrelation_time
 
 
@@ -73,7 +67,7 @@ def check_robustness(
             again,
             sets,
             GapMeasure(perturbed.degrees_of_freedom, nominal, budget.config),
-            most=compute_motionless_misfit(perturbed),
+            most=perturbed.motionless_misfit,
             doubt=lambda hypothesis: doubted,
         ).most_probable
     agreeing = {judgement.most_probable} | find_confusable(judgement.most_probable)

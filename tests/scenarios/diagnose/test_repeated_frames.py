@@ -10,7 +10,7 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.placement import measure_largest_motion_scales
-from lagsplat.diagnose.inference.plausibility import assess_implausibility
+from lagsplat.diagnose.inference.posterior import assess_implausibility
 from lagsplat.diagnose.inference.problem import HypothesisFit
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave

@@ -3,8 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, SampleEffect
+from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -18,9 +17,7 @@ def explain(
 ) -> tuple[float, dict[str, tuple[float, float, float]], float]:
     """Compare a mixture, in which a share of the frames is late by whole frames, with even noise.
 
-    All coordinates of a frame are late at once.
-
-    The level of the noise in the mixture is that of the middle half of the residuals.
+    A frame is late in all coordinates. The mixture's noise is that of the middle half of the residuals.
     """
     even = float(np.mean(residual**2))
     level = min(even, float(np.median(residual**2)) / 0.455)
@@ -38,11 +35,6 @@ def explain(
     return best, {"count": (count, max(count - about, 0.0), count + about)}, float(off.min(axis=0).sum())
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as jumps along the motion."""
-    return grade_timing(measures, "record faster swings, or read the camera's own frame counter")
-
-
 EFFECT = SampleEffect(
     name="frame_drops",
     number=3,
@@ -51,7 +43,9 @@ EFFECT = SampleEffect(
     needs="motion that is fast against the noise",
     explain=explain,
     repeats=True,
-    excitation=grade_excitation,
+    excitation=lambda measures: grade_timing(
+        measures, "record faster swings, or read the camera's own frame counter"
+    ),
     mujoco="it concerns the frames of the recording, not the mechanism.",
     title="lost or repeated frames",
     kind="observation",

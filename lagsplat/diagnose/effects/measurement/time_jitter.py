@@ -3,8 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, SampleEffect
+from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -47,11 +46,6 @@ def _gains(
     return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as errors that grow with speed."""
-    return grade_timing(measures, "record faster swings, with the sensor's noise reduced")
-
-
 EFFECT = SampleEffect(
     name="time_jitter",
     number=2,
@@ -59,7 +53,9 @@ EFFECT = SampleEffect(
     parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     explain=explain,
-    excitation=grade_excitation,
+    excitation=lambda measures: grade_timing(
+        measures, "record faster swings, with the sensor's noise reduced"
+    ),
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
     title="time stamps that scatter",
     kind="observation",

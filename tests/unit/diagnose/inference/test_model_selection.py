@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
-from lagsplat.diagnose.inference.model_selection import fit_candidate
+from lagsplat.diagnose.inference.model_selection import fit_candidate, score_test
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -16,7 +16,6 @@ from lagsplat.diagnose.inference.problem import (
     compute_log_evidence,
     make_joint_prior,
 )
-from lagsplat.diagnose.inference.score_test import score_test
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 TRIED = (

@@ -12,7 +12,7 @@ from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
-from lagsplat.diagnose.inference.plausibility import (
+from lagsplat.diagnose.inference.posterior import (
     Implausibility,
     assess_implausibility,
     measure_recurrence,

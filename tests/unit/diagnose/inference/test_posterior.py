@@ -11,9 +11,9 @@ from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit
 from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.plausibility import Implausibility
 from lagsplat.diagnose.inference.posterior import (
     GapMeasure,
+    Implausibility,
     find_equivalent_effects,
     judge_hypotheses,
     log_posteriors,
