@@ -33,11 +33,9 @@ class MissingAcceleration:
         """
         step_s = self.augmented.step_s
         signals = AppliedSignals(np.array([0.0, step_s]), np.stack([u, u]))
-        with_effects, without = (
-            simulate_augmented(simulator, signals, q=q, v=v)[1][1]
-            for simulator in (self.augmented, self.plain)
-        )
-        return (with_effects - without) / step_s
+        _, with_effects = simulate_augmented(self.augmented, signals, q=q, v=v)
+        _, without = simulate_augmented(self.plain, signals, q=q, v=v)
+        return (with_effects[1] - without[1]) / step_s
 
 
 @dataclass(frozen=True)

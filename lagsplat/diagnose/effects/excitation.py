@@ -54,9 +54,8 @@ def _grade_inputs(
     effect: Effect, measures: ExcitationMeasures, closed_loop: Sequence[str]
 ) -> tuple[Grade, tuple[str, ...]]:
     """The grade of the inputs that excite it best, and their names; in a closed loop one counts as weak."""
-    grades = {
-        channel.name: effect.excitation(channel, measures) for channel in measures.inputs if channel.moves
-    }
+    moving = [channel for channel in measures.inputs if channel.moves]
+    grades = {channel.name: effect.excitation(channel, measures) for channel in moving}
     if not grades:
         reason = "all inputs are constant" if measures.inputs else "no input is recorded"
         record = (

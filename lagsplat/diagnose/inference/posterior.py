@@ -171,9 +171,7 @@ def assess_implausibility(
     """The strongest reason against an explanation; none against effects on single samples."""
     if hypothesis.moves_samples:
         return Implausibility(0.0, "loose")
-    ahead = relaxed_model_log_evidence(
-        problem, ranking.none, hypothesis, nominal=nominal, noise_inflation=ranking.noise_inflation
-    )
+    ahead = relaxed_model_log_evidence(problem, ranking, hypothesis, nominal=nominal)
     behind = (IMPLAUSIBILITY.relaxed_lead - ahead) / IMPLAUSIBILITY.relaxed_scatter
     loose = float(1.0 / (1.0 + np.exp(np.clip(behind, -50.0, 50.0))))
     unrepeated = IMPLAUSIBILITY.unrepeated_chance * (1.0 - measure_recurrence(hypothesis, problem))
@@ -200,23 +198,18 @@ def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) ->
 
 
 def relaxed_model_log_evidence(
-    problem: EstimationProblem,
-    none: HypothesisFit,
-    best: HypothesisFit,
-    *,
-    nominal: float,
-    noise_inflation: float,
+    problem: EstimationProblem, ranking: ModelRanking, best: HypothesisFit, *, nominal: float
 ) -> float:
-    """Log evidence of the sim with relaxed priors, fitted from ``none``, over that of ``best`` [nat].
+    """Log evidence of the sim with relaxed priors over that of ``best`` [nat].
 
     Minus infinity where the relaxed sim fits worse, and where the sim misses even its own recordings
     (``nominal`` [noise variances]): then it fits anything.
     """
     if nominal > IMPLAUSIBILITY.max_nominal_misfit:
         return -np.inf
-    rollout_model = problem.rollout_model
+    rollout_model, noise_inflation = problem.rollout_model, ranking.noise_inflation
     loose = problem.with_nuisance(rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation))
-    fit = loose.fit((), none.fit.x, none.fit.starts)
+    fit = loose.fit((), ranking.none.fit.x, ranking.none.fit.starts)
     noise = nominal * problem.degrees_of_freedom
     if fit.misfit > max(best.fit.misfit, noise) + IMPLAUSIBILITY.relaxed_misfit_margin * noise:
         return -np.inf

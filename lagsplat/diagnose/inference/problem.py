@@ -234,9 +234,8 @@ def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> Estim
     still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
     fit = problem.fit((), still)
     # the second fit knows the correlation: a long error then costs less to leave than to follow
-    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * compute_autocorrelation_time(
-        fit.residual, length
-    )
+    correlation = compute_autocorrelation_time(fit.residual, length)
+    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * correlation
     fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
     left = (fit.misfit + compute_excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
     return replace(sim, misfit=left, correlation=compute_autocorrelation_time(fit.residual, length))
@@ -322,11 +321,5 @@ def compute_log_evidence(
     if sign <= 0:
         log_det = float(np.log(np.maximum(np.linalg.eigvalsh(h), 1e-12)).sum())
     k = len(fit.x)
-    return (
-        -0.5 * fit.misfit / noise_inflation
-        + log_prior
-        + nuisance_log_prior
-        + 0.5 * k * np.log(2.0 * np.pi)
-        - 0.5 * log_det
-        - 0.5 * fit.log_det_starts
-    )
+    log_joint = -0.5 * fit.misfit / noise_inflation + log_prior + nuisance_log_prior
+    return log_joint + 0.5 * k * np.log(2.0 * np.pi) - 0.5 * log_det - 0.5 * fit.log_det_starts

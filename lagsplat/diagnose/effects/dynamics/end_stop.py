@@ -16,8 +16,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, lo
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 SIDE = {"upper": 1.0, "lower": -1.0}
-LIMIT_IMPEDANCE = 0.005
-"""Impedance of a MuJoCo limit that adds its force to the others instead of taking their place."""
+LIMIT_IMPEDANCE = 0.005  # of a MuJoCo limit that adds its force to the others instead of taking their place
 
 
 @compile_force_law

@@ -19,8 +19,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 SPRING = "spring"
-SOFT = 0.1
-"""Stiffness at rest, in units of the motion's mean square rate, below which a model counts as having none."""
+SOFT = 0.1  # stiffness at rest, over the motion's mean square rate, below which a model counts as having none
 
 
 @compile_force_law

@@ -7,8 +7,7 @@ from lagsplat.diagnose.effects.base import SampleEffect
 from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
-SHARES = np.geomspace(0.0005, 0.3, 30)
-"""Grid of the share of frames that are late [1], for the maximum of the likelihood."""
+SHARES = np.geomspace(0.0005, 0.3, 30)  # grid of the share of late frames [1], to maximise the likelihood
 LATE = (0.4, 0.25, 0.15, 0.1, 0.06, 0.04)  # how often a late frame is one, two, three ... frames late.
 
 

@@ -86,7 +86,7 @@ def test_a_loose_sim_beats_an_effect_where_several_parameters_are_off() -> None:
     )
     start = np.concatenate([np.zeros(1), none.fit.x])
     wrong = HypothesisFit((instance,), one.fit((instance,), start))
-    assert relaxed_model_log_evidence(one, none, wrong, nominal=1.0, noise_inflation=2.0) > 50.0
+    assert relaxed_model_log_evidence(one, ModelRanking(none, (), 2.0), wrong, nominal=1.0) > 50.0
 
 
 def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
@@ -99,7 +99,7 @@ def test_a_loose_sim_loses_against_the_one_parameter_that_is_off() -> None:
         input_name="u0",
     )
     right = HypothesisFit((gain,), one.fit((gain,), np.concatenate([np.zeros(1), none.fit.x])))
-    assert relaxed_model_log_evidence(one, none, right, nominal=1.0, noise_inflation=2.0) < 0.0
+    assert relaxed_model_log_evidence(one, ModelRanking(none, (), 2.0), right, nominal=1.0) < 0.0
 
 
 def test_a_loose_sim_that_explains_less_is_no_rival() -> None:
@@ -109,7 +109,7 @@ def test_a_loose_sim_that_explains_less_is_no_rival() -> None:
         catalogue()["coulomb_friction"], measure_motion_scales(one.rollout_model, ALONG), direction=ALONG
     )
     right = HypothesisFit((instance,), one.fit((instance,), np.concatenate([[0.1], none.fit.x])))
-    assert relaxed_model_log_evidence(one, none, right, nominal=1.0, noise_inflation=2.0) == -np.inf
+    assert relaxed_model_log_evidence(one, ModelRanking(none, (), 2.0), right, nominal=1.0) == -np.inf
 
 
 def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
@@ -127,8 +127,8 @@ def test_two_shapes_that_fit_anything_are_doubted_and_one_is_not() -> None:
 def test_a_sim_that_misses_its_own_recordings_is_no_rival_either() -> None:
     one = contest([film(several, u=U, noise=0.005, seconds=8.0)])
     none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
-    assert relaxed_model_log_evidence(one, none, none, nominal=1.0, noise_inflation=2.0) > 50.0
-    assert relaxed_model_log_evidence(one, none, none, nominal=50.0, noise_inflation=2.0) == -np.inf
+    assert relaxed_model_log_evidence(one, ModelRanking(none, (), 2.0), none, nominal=1.0) > 50.0
+    assert relaxed_model_log_evidence(one, ModelRanking(none, (), 2.0), none, nominal=50.0) == -np.inf
 
 
 def test_parameters_that_are_off_together_are_not_called_an_effect() -> None:
