@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lagsplat.pipelines.diagnose_data import DiagnosisReport as Diagnosis
     from lagsplat.pipelines.diagnose_data import diagnose as diagnose
     from lagsplat.pipelines.diagnose_data import load_diagnosis as load_diagnosis
-    from lagsplat.pipelines.evaluate import evaluate as evaluate
+    from lagsplat.pipelines.steps import evaluate as evaluate
     from lagsplat.pipelines.steps import find_lever as find_lever
     from lagsplat.pipelines.steps import fit_autoencoder as fit_autoencoder
     from lagsplat.pipelines.steps import fit_chart as fit_chart
@@ -56,7 +56,7 @@ _HOMES = {
     "compose": "lagsplat.config.compose",
     "diagnose": "lagsplat.pipelines.diagnose_data",
     "effects": "lagsplat.diagnose.effects.registry:list_effects",
-    "evaluate": "lagsplat.pipelines.evaluate",
+    "evaluate": "lagsplat.pipelines.steps",
     "export_page": "lagsplat.pipelines.view",
     "find_lever": "lagsplat.pipelines.steps",
     "fit_autoencoder": "lagsplat.pipelines.steps",

@@ -224,8 +224,16 @@ def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> arg
     return parser
 
 
-def full_parser() -> argparse.ArgumentParser:
-    """The parser of everything, for help and for the completion of shells."""
+def _run_without_verb(words: list[str]) -> int:
+    """Print the help, the version or the completion of a shell."""
+    if words[0] == "help":
+        words = ["--help"]
+    if not words[0].startswith("-"):
+        from difflib import get_close_matches
+
+        near = get_close_matches(words[0], list(VERBS), n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise CommandError(f"no such verb{hint}; choose {', '.join(VERBS)}")
     calls = "\n".join(f"  lagsplat {name} {text}" for name, verb in VERBS.items() for text in verb.usage)
     parser = _Parser(
         prog="lagsplat",
@@ -242,19 +250,6 @@ def full_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", title="verbs", metavar="VERB")
     for name, verb in VERBS.items():
         verb_parser(name, verbs.add_parser(name, help=verb.summary))
-    return parser
-
-
-def _run_without_verb(words: list[str]) -> int:
-    parser = full_parser()
-    if words[0] == "help":
-        words = ["--help"]
-    if not words[0].startswith("-"):
-        from difflib import get_close_matches
-
-        near = get_close_matches(words[0], list(VERBS), n=1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise CommandError(f"no such verb{hint}; choose {', '.join(VERBS)}")
     given = parser.parse_args(words)
     if given.version:
         from importlib.metadata import version

@@ -121,7 +121,7 @@ def evaluate(given: Namespace) -> None:
     """Score a fitted run."""
     keys, changes = split_words(given.words, needed=("run", "out"))
     from lagsplat.io.files.atomic import save_json
-    from lagsplat.pipelines.evaluate import evaluate as score
+    from lagsplat.pipelines.steps import evaluate as score
 
     save_json(keys["out"], score(keys["run"], *changes))
     print(keys["out"])
@@ -161,8 +161,8 @@ def export(given: Namespace) -> None:
 
         export_page(folder, out, *changes)
     elif kind == "mcap":
-        from lagsplat.pipelines.evaluate import read_protocol
         from lagsplat.pipelines.export import export_mcap
+        from lagsplat.pipelines.steps import read_protocol
 
         export_mcap(open_run(folder), read_protocol(folder, changes), out)
     else:

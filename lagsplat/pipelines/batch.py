@@ -91,12 +91,9 @@ def attempt(place: Path, out: Path, work: Callable[[Path, Path], None]) -> bool:
 def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConfig) -> None:
     """Encode a folder of videos into whitened latents, ``sim_0.csv`` and ``real_0.csv``; each is one clip.
 
-    Args:
-        place: folder with ``sim_*.npz``, ``real_*.npz`` and ``about.json``, which has the number of
-            ``coordinates`` and the time between frames, ``frame_s`` [s].
-        out: folder of the results.
-        stage1: settings of the autoencoder, fitted to the nominal videos alone.
-        chart: settings of the whitening, by the nominal videos alone.
+    The folder ``place`` holds ``sim_*.npz``, ``real_*.npz`` and ``about.json``, which has the number of
+    ``coordinates`` and the time between frames, ``frame_s`` [s]. The autoencoder is fitted to the nominal
+    videos alone, and so is the whitening.
 
     Raises:
         FileNotFoundError: a video is missing.
@@ -120,12 +117,12 @@ def _read_videos(place: Path, name: str, frame_s: float) -> list[Recording]:
     paths = sorted(place.glob(f"{name}_*.npz"), key=lambda path: int(path.stem.rpartition("_")[2]))
     if not paths:
         raise FileNotFoundError(f"{place} has no {name}_*.npz; a recording needs sim and real videos")
-    out = []
+    films = []
     for path in paths:
         with zipfile.ZipFile(path) as archive:
             inputs = sum(member.removesuffix(".npy")[1:].isdigit() for member in archive.namelist())
-        out.append(read_krauss_npz(path, dt_s=frame_s, expected_inputs=inputs))
-    return out
+        films.append(read_krauss_npz(path, dt_s=frame_s, expected_inputs=inputs))
+    return films
 
 
 def _latent_rows(films: Sequence[Recording], latents: Sequence[np.ndarray]) -> list[dict[str, float | int]]:

@@ -74,7 +74,8 @@ def add_images(
             break
     else:
         return run, content
-    renderer = _BlockRenderer(recordings, inputs.sim.model, run, recorded, recorded.recording, blocks)
+    period_s, recording = float(run.diagnosis.checks["natural_period_s"]), recorded.recording
+    renderer = _BlockRenderer(recordings, inputs.sim.model, run, recorded, recording, blocks, period_s)
     rendered = renderer.render(blocks, MAX_COMPARED_FRAMES)
     excess_error = compute_excess_error(rendered.real, rendered.sim, rendered.encoded)
     place, body = renderer.place()
@@ -104,17 +105,13 @@ class _BlockRenderer:
     recorded: RecordedTrajectory
     recording: Recording
     blocks: Sequence[Block]
+    period_s: float  # the natural period
 
     @property
     def smoothed(self) -> Sequence[LatentForceEstimate]:
         """The real trajectories with the force that the sim lacks; none where that force is not finite."""
         where = self.run.diagnosis.where
         return () if where is None else where.smoothed
-
-    @property
-    def period_s(self) -> float:
-        """The natural period [s]."""
-        return float(self.run.diagnosis.checks["natural_period_s"])
 
     def draw(self, q: np.ndarray) -> np.ndarray:
         """Render latents (T, d) as images (T, H, W, 3)."""

@@ -65,10 +65,8 @@ class DiagnosisInputs:
 def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> DiagnosisInputs:
     """Read and check what the arguments name, and make the simulator's model.
 
-    Args:
-        sim: recordings, a program, a MuJoCo file, an augmented sim, or the folder of a fitted run.
-        real: recordings of the real mechanism; ``held_out`` is a fitted run's own held-out part.
-        config: settings of the diagnosis.
+    ``sim`` names recordings, a program, a MuJoCo file, an augmented sim or the folder of a fitted run;
+    ``real`` names recordings of the real mechanism, or the run's own by ``held_out``.
 
     Raises:
         FileNotFoundError: a file does not exist.
@@ -96,10 +94,8 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     excitation: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
-        side, closed_loop = checked.real, checked.closed_loop
-        excitation = assess_excitation(
-            side.motions, period_s=period_s, noise=side.noise, closed_loop=closed_loop
-        )
+        motions, noise, loop = checked.real.motions, checked.real.noise, checked.closed_loop
+        excitation = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=loop)
     null_motion = None if recordings is None else recordings.null_motion
     simulator, hold = _open_simulator(models, checked, config, null_motion)
     findings = _simulator_findings(simulator, sim, nominal, held=hold is not None)

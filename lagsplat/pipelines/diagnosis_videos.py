@@ -170,17 +170,12 @@ class RecordedTrajectory:
 def open_recording_pair(
     folder: Path, real: str, *, columns: Mapping[str, str] | None = None, longest_s: float = np.inf
 ) -> RecordingPair:
-    """Open a run and the real recordings that ``real`` names.
+    """Open the run in ``folder`` and the videos, logs or tables of latents that ``real`` names.
 
     Videos and logs are rotated, cropped and resized as the run's own recording was, but not cut in time as it
-    was. Their inputs are in a table of the same stem, unless they contain them.
-
-    Args:
-        folder: folder of the run.
-        real: videos, logs or tables of latents. ``held_out``, the run's own video and its
-            ``recording.safetensors`` name the held-out part of its own recording.
-        columns: names of the columns in tables of latents, where they differ.
-        longest_s: duration of the held-out part that is used, at most [s].
+    was. Their inputs are in a table of the same stem, unless they contain them. ``held_out``, the run's own
+    video and its ``recording.safetensors`` name the held-out part of its own recording, of which the first
+    ``longest_s`` [s] are used. ``columns`` are as of `read_trajectory`.
 
     Raises:
         FileNotFoundError: no run, or nothing where ``real`` points.

@@ -54,13 +54,9 @@ def draw_error_budget(content: ReportContent) -> Figure | None:
     axis.set_yticks(range(len(stages)), [stage.name for stage in stages])
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-    axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if _get_leading_digit(x) in (2, 5) else "")
+    axis.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
     axis.set(ylim=(len(stages) - 0.5, -0.5), xlabel="error in multiples of its floor (dashed)")
     return figure
-
-
-def _get_leading_digit(x: float) -> int:
-    return round(x / 10.0 ** math.floor(math.log10(x)))
 
 
 @style.paper_style()

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence, Set
 
-from lagsplat.diagnose.core.result import Candidate, Diagnosis, Gap
+from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.registry import (
     VERDICTS,
@@ -117,13 +117,7 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
 def _write_none(diagnosis: Diagnosis) -> list[str]:
     chance = format_probability(sum_probability(diagnosis, "none"))
     sentences = [f"The simulation agrees with the recording: nothing has to be added (probability {chance})."]
-    if diagnosis.gap is not None:
-        miss, floor = format_percent(diagnosis.gap.before), diagnosis.gap.floor
-        beyond = (
-            f"; even the true model would miss by {format_percent(floor)}" if math.isfinite(floor) else ""
-        )
-        over = _name_horizon(diagnosis.gap, diagnosis)
-        sentences.append(f"{over}, its forecasts miss by {miss} of the size of the motion{beyond}.")
+    sentences.append(_compare_miss(diagnosis, "its forecasts miss", "even the true model would miss by"))
     invisible = list_excited(diagnosis, "no")
     if invisible:
         more = len(invisible) - MAX_NAMED
@@ -197,11 +191,8 @@ def _describe_size(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
-    floor = f"; noise alone would leave {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
-    text = (
-        f"{_name_horizon(gap, diagnosis)}, the simulation's forecasts miss the measurement by "
-        f"{format_percent(gap.before)} of the size of the motion{floor}."
-    )
+    subject = "the simulation's forecasts miss the measurement"
+    text = _compare_miss(diagnosis, subject, "noise alone would leave")
     lost, added = gap.diverged.get("before", 0), gap.diverged.get("after", 0)
     if lost or added:
         with_it = f" and {added} with what is added to it" if added else ""
@@ -209,13 +200,19 @@ def _describe_size(diagnosis: Diagnosis) -> str:
     return text
 
 
-def _name_horizon(gap: Gap, diagnosis: Diagnosis) -> str:
-    if not math.isfinite(gap.horizon_s):
-        return "Over one natural period"
-    periods = gap.horizon_s / diagnosis.checks.get("natural_period_s", gap.horizon_s)
-    if periods > FULL_PERIOD:
-        return f"Over one natural period ({format_number(gap.horizon_s)} s)"
-    return f"Over {format_number(gap.horizon_s)} s, {format_number(periods)} of a natural period"
+def _compare_miss(diagnosis: Diagnosis, subject: str, best: str) -> str:
+    """Say by how much the simulation's forecasts miss, over which time, and what ``best`` forecasts would."""
+    gap = diagnosis.gap
+    if gap is None:
+        return ""
+    over = "one natural period"
+    if math.isfinite(gap.horizon_s):
+        periods = gap.horizon_s / diagnosis.checks.get("natural_period_s", gap.horizon_s)
+        duration = f"{format_number(gap.horizon_s)} s"
+        part = f"{duration}, {format_number(periods)} of a natural period"
+        over = f"{over} ({duration})" if periods > FULL_PERIOD else part
+    floor = f"; {best} {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
+    return f"Over {over}, {subject} by {format_percent(gap.before)} of the size of the motion{floor}."
 
 
 def _describe_place(diagnosis: Diagnosis) -> str:

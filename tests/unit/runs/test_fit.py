@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.pipelines.evaluate import evaluate, read_protocol
+from lagsplat.pipelines.steps import evaluate, read_protocol
 from lagsplat.runs.fit import fit_run
 from lagsplat.runs.run import open_run, rollout
 
