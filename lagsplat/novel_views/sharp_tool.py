@@ -35,16 +35,12 @@ LIFTING = "lifting-"  # prefix of the temporary folders of frames being lifted
 
 @dataclass(frozen=True)
 class LiftedFrame:
-    """Views of one frame: images, their cover in [0, 255], and depth [m] from the recording's camera.
-
-    ``alignment`` has the depths' ``scale``, the ``residual`` difference, and the time that it took in
-    ``seconds``.
-    """
+    """Views of one frame."""
 
     images: UInt8[np.ndarray, "V H W 3"]
-    cover: UInt8[np.ndarray, "V H W"]
-    depth: Float32[np.ndarray, "H W"]
-    alignment: dict[str, Any]
+    cover: UInt8[np.ndarray, "V H W"]  # of the images, in [0, 255]
+    depth: Float32[np.ndarray, "H W"]  # from the recording's camera [m]
+    alignment: dict[str, Any]  # `scale` of the depths, `residual` difference, and time taken in `seconds`
 
 
 @dataclass(frozen=True)

@@ -12,26 +12,21 @@ from lagsplat.setting_checks import require_least, require_positive, require_set
 class ArmConfig:
     """Mechanics of a planar hanging arm; every list holds one value per segment, base first.
 
-    Lengths [m], masses [kg], rotary inertias [kg m^2]. ``bending_stiffness`` [N m/rad] acts on the bending
-    angle of a segment, ``extension_stiffness`` [J] on its strain; a hardening ``h`` turns the restoring
-    force ``k x`` into ``k x (1 + h x^2)``. Each damping coefficient is its stiffness times ``retardation_s``
-    (Kelvin-Voigt). Behind a segment is a rigid link: the connector, or the tip cap. ``chamber_area`` [m^2],
-    ``chamber_offset`` [m] from the backbone; ``chamber_limit`` is the ratio of the reinforcing fibre's
-    length to the chamber's rest length: the bore narrows as the chamber stretches.
+    Lengths [m], masses [kg]. A hardening ``h`` turns the restoring force ``k x`` into ``k x (1 + h x^2)``.
     """
 
     length: list[float]
     half_width: float
     mass: list[float]
-    bending_stiffness: list[float]
+    bending_stiffness: list[float]  # on the bending angle of a segment [N m/rad]
     bending_hardening: float
-    extension_stiffness: list[float]
+    extension_stiffness: list[float]  # on its strain [J]
     extension_hardening: float
-    retardation_s: float
-    chamber_area: list[float]
-    chamber_offset: float
-    chamber_limit: float
-    link_length: list[float]
+    retardation_s: float  # each damping coefficient over its stiffness (Kelvin-Voigt) [s]
+    chamber_area: list[float]  # [m^2]
+    chamber_offset: float  # from the backbone
+    chamber_limit: float  # length of the reinforcing fibre over the rest length: stretching narrows the bore
+    link_length: list[float]  # of the rigid link behind a segment: the connector, or the tip cap
     link_mass: list[float]
     gravity: float
 
@@ -52,12 +47,7 @@ class ArmConfig:
 
 @dataclass
 class SimulationConfig:
-    """A recording to simulate. Counts in frames, ``dt_s`` [s], pressures [atm], ``view_width`` [m].
-
-    ``camera_noise_levels`` is the standard deviation of the camera in grey levels of 255 and
-    ``pressure_noise_atm`` that of the logged pressures; the arm moves under the pressures without noise. The
-    drive settles into ``hold_atm`` before all pressures are released.
-    """
+    """A recording to simulate. Counts in frames, ``dt_s`` [s], pressures [atm], ``view_width`` [m]."""
 
     height: int
     width: int
@@ -70,9 +60,9 @@ class SimulationConfig:
     drive_low_hz: float
     drive_high_hz: float
     drive_max_atm: float
-    hold_atm: list[float]
-    pressure_noise_atm: float
-    camera_noise_levels: float
+    hold_atm: list[float]  # into which the drive settles before all pressures are released
+    pressure_noise_atm: float  # standard deviation of the logged pressures; the arm moves without this noise
+    camera_noise_levels: float  # standard deviation of the camera, in grey levels of 255
     rtol: float
     atol: float
     arm: ArmConfig
@@ -99,16 +89,11 @@ class SimulationConfig:
 
 @dataclass
 class PlantedConfig:
-    """Effects injected into one recording and absent from the nominal arm; zeros change nothing.
+    """Effects injected into one recording and absent from the nominal arm; zeros change nothing."""
 
-    ``tip_mass`` [kg] is added to the tip cap; pressures reach the chambers by a first-order lag of
-    ``actuator_lag_s`` [s]; each segment's bending has the friction torque that ``dry_friction`` [rad] of
-    bending would balance.
-    """
-
-    tip_mass: float
-    actuator_lag_s: float
-    dry_friction: float
+    tip_mass: float  # added to the tip cap [kg]
+    actuator_lag_s: float  # time constant of the first-order lag of the chambers' pressures [s]
+    dry_friction: float  # bending that would balance the friction torque of each segment's bending [rad]
 
     def __post_init__(self) -> None:
         require_least(self, "planted.effects.NAME", 0, *vars(self))
@@ -184,17 +169,14 @@ class ReleaseClipConfig:
 
 @dataclass
 class PushConfig:
-    """A force on a body during one clip, a smooth pulse with the peak ``force_n`` = (right, down) [N].
-
-    It acts from ``start_s`` to ``stop_s`` of the clip at ``at_m``, a point in the body's own coordinates.
-    """
+    """A force on a body during one clip, a smooth pulse."""
 
     clip: int
-    start_s: float
+    start_s: float  # from the start of the clip, as `stop_s`
     stop_s: float
     body: int
-    at_m: list[float]
-    force_n: list[float]
+    at_m: list[float]  # where it acts, a point in the body's own coordinates
+    force_n: list[float]  # its peak, to the right and down [N]
 
 
 @dataclass

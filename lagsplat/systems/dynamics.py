@@ -17,16 +17,12 @@ Series = Float64[np.ndarray, "T d"]
 
 @dataclass(frozen=True)
 class VibrationModes:
-    """Linear free modes at rest, slowest first.
+    """Linear free modes at rest, slowest first, of eigenvalues ``lambda``."""
 
-    ``natural_hz`` is ``|lambda| / 2 pi``, ``damped_hz`` the frequency of a decaying motion, ``decay_per_s``
-    its envelope's rate and ``damping_ratio = decay / |lambda|``.
-    """
-
-    natural_hz: Float64[np.ndarray, " n_modes"]
-    damped_hz: Float64[np.ndarray, " n_modes"]
-    decay_per_s: Float64[np.ndarray, " n_modes"]
-    damping_ratio: Float64[np.ndarray, " n_modes"]
+    natural_hz: Float64[np.ndarray, " n_modes"]  # |lambda| / 2 pi
+    damped_hz: Float64[np.ndarray, " n_modes"]  # frequency of the decaying motion
+    decay_per_s: Float64[np.ndarray, " n_modes"]  # rate of its envelope
+    damping_ratio: Float64[np.ndarray, " n_modes"]  # decay / |lambda|
 
 
 def compute_vibration_modes(mass: Matrix, damping: Matrix, stiffness: Matrix) -> VibrationModes:

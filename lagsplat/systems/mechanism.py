@@ -20,19 +20,14 @@ Push = Callable[[float, Vector], Vector]  # generalised force at a time [s] and 
 
 @dataclass(frozen=True)
 class Linkage:
-    """Links in a hanging chain; the coordinates are their angles from the vertical [rad].
+    """A hanging chain, from the pivot on; the coordinates are the links' angles from the vertical [rad]."""
 
-    Per link, from the pivot on: ``length`` [m] to the next hinge, ``mass`` [kg], ``center`` [m] of mass from
-    its hinge, ``inertia`` [kg m^2] about it, and of its hinge ``friction`` [N m s/rad] and ``spring``
-    [N m/rad], both on the angle relative to the link before.
-    """
-
-    length: Float64[np.ndarray, " d"]
-    masses: Float64[np.ndarray, " d"]
-    center: Float64[np.ndarray, " d"]
-    inertia: Float64[np.ndarray, " d"]
-    friction: Float64[np.ndarray, " d"]
-    spring: Float64[np.ndarray, " d"]
+    length: Float64[np.ndarray, " d"]  # to the next hinge [m]
+    masses: Float64[np.ndarray, " d"]  # [kg]
+    center: Float64[np.ndarray, " d"]  # of mass, from the link's hinge [m]
+    inertia: Float64[np.ndarray, " d"]  # about the centre of mass [kg m^2]
+    friction: Float64[np.ndarray, " d"]  # of the hinge, on the angle relative to the link before [N m s/rad]
+    spring: Float64[np.ndarray, " d"]  # likewise [N m/rad]
     gravity: float
 
     @property
@@ -90,17 +85,13 @@ class Linkage:
 
 @dataclass(frozen=True)
 class Rocker:
-    """Rolling without slip on level ground; the coordinate is the rolled angle [rad], clockwise.
+    """Rolling without slip on level ground; the coordinate is the rolled angle [rad], clockwise."""
 
-    ``radius`` [m] of the runner, ``depth`` [m] of the centre of mass below the runner's centre,
-    ``body_mass`` [kg], ``inertia`` [kg m^2] about the centre of mass, ``friction`` [N m s/rad] of rolling.
-    """
-
-    radius: float
-    depth: float
-    body_mass: float
-    inertia: float
-    friction: float
+    radius: float  # of the runner [m]
+    depth: float  # of the centre of mass below the runner's centre [m]
+    body_mass: float  # [kg]
+    inertia: float  # about the centre of mass [kg m^2]
+    friction: float  # of rolling [N m s/rad]
     gravity: float
 
     @property

@@ -26,19 +26,15 @@ COVERED = 0.5  # opacity from which on a pixel of a sprite belongs to the body
 
 @dataclass(frozen=True)
 class Pushable:
-    """Equations of motion in the true coordinates, and ``P`` material points spread over the bodies.
-
-    ``pixels`` gives their places (T, P, 2) [px] at states (T, d), in pixels of the recording; ``share`` (P,)
-    is the mass [kg] that each represents. ``force`` is the generalised force at rest of weight, springs and
-    constant inputs; ``acceleration`` takes position, velocity and an external generalised force.
-    """
+    """Equations of motion in the true coordinates, and ``P`` material points spread over the bodies."""
 
     rest: Vector
-    force: Callable[[Vector], Vector]
+    force: Callable[[Vector], Vector]  # generalised force at rest of weight, springs and constant inputs
     acceleration: Callable[[Vector, Vector, Vector], Vector]
+    """Of position, velocity and an external generalised force."""
     mass: Callable[[Vector], Matrix]
-    pixels: Callable[[Series], Float64[np.ndarray, "T P 2"]]
-    share: Float64[np.ndarray, " P"]
+    pixels: Callable[[Series], Float64[np.ndarray, "T P 2"]]  # the points' places in the recording [px]
+    share: Float64[np.ndarray, " P"]  # mass that each point represents [kg]
 
     def jacobian(self, q: Vector) -> Float64[np.ndarray, "P 2 d"]:
         """Derivative of the points' places in the image [px per unit of each coordinate]."""

@@ -19,8 +19,7 @@ from lagsplat.systems.rendering.painting import add_camera_noise, paint_arm, pai
 from lagsplat.systems.truth import Truth, compute_truth
 
 CHUNK_FRAMES = 1024
-CREEP_RAD_S = 0.05
-"""Bending rate at which dry friction is nearly full; below, it is viscous and can be integrated."""
+CREEP_RAD_S = 0.05  # rate from which dry friction is nearly full; below, it is viscous and can be integrated
 
 
 def simulate_system(

@@ -20,23 +20,16 @@ MASS_STRIDE_FRAMES = 20
 
 @dataclass(frozen=True)
 class Truth:
-    """States at the frames, and quantities from the system's equations.
+    """States at the frames, quantities from the system's equations, and its `VibrationModes` at rest."""
 
-    ``coordinates`` names each column of ``states`` with its unit, ``velocities`` are the same per second.
-    ``pressures`` [atm] are free of noise and have no column without chambers; ``forces`` are external
-    generalised forces. Energies [J], ``mass_matrices`` of the frames ``mass_frames``. Free modes linearised
-    about ``rest``, slowest first: ``damped_frequencies_hz`` are the frequencies of a decaying motion,
-    ``natural_frequencies_hz`` the eigenvalue's modulus over 2 pi, ``decay_rates_per_s`` minus its real part.
-    """
-
-    coordinates: tuple[str, ...]
+    coordinates: tuple[str, ...]  # name and unit of each column of the states
     states: Float64[np.ndarray, "T d"]
-    velocities: Float64[np.ndarray, "T d"]
-    pressures: Float64[np.ndarray, "T n_u"]
-    forces: Float64[np.ndarray, "T d"]
-    kinetic_energy: Float64[np.ndarray, " T"]
-    potential_energy: Float64[np.ndarray, " T"]
-    mass_frames: Int64[np.ndarray, " S"]
+    velocities: Float64[np.ndarray, "T d"]  # the same per second
+    pressures: Float64[np.ndarray, "T n_u"]  # without noise [atm]; no column without chambers
+    forces: Float64[np.ndarray, "T d"]  # external generalised forces
+    kinetic_energy: Float64[np.ndarray, " T"]  # [J]
+    potential_energy: Float64[np.ndarray, " T"]  # [J]
+    mass_frames: Int64[np.ndarray, " S"]  # frames of the mass matrices
     mass_matrices: Float64[np.ndarray, "S d d"]
     rest: Float64[np.ndarray, " d"]
     natural_frequencies_hz: Float64[np.ndarray, " n_modes"]

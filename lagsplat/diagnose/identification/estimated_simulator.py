@@ -21,16 +21,12 @@ class EstimatedSimulator:
     """A simulator's model and what is uncertain about it."""
 
     model: MechanicalModel
-    uncertainty_directions: Float64[np.ndarray, "R K"]
-    """Changes of all coefficients, each of one standard deviation."""
+    uncertainty_directions: Float64[np.ndarray, "R K"]  # changes of all coefficients by a standard deviation
     misfit: float  # mean square residual on its own recordings, in units of their noise
     correlation: float = 1.0  # samples of that residual that count as one independent sample
-    window_scale: float = 1.0
-    """Length of the windows that it can predict, as a share of the length in the settings."""
-    original: "EstimatedSimulator | None" = None
-    """The simulator before its coefficients were recalibrated; None if they were not."""
-    novelty_detector: NoveltyDetector | None = None
-    """Recognises the motion it was fitted to, where other windows are to be left out."""
+    window_scale: float = 1.0  # length of the windows that it can predict, as a share of that in the settings
+    original: "EstimatedSimulator | None" = None  # before its coefficients were recalibrated, if they were
+    novelty_detector: NoveltyDetector | None = None  # where windows unlike its own are to be left out
     outlier_spans: tuple[dataset.FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
     bic: float = np.nan  # Bayesian information criterion of the model, if it was identified

@@ -60,8 +60,7 @@ class IdentifiedModel:
     model: MechanicalModel
     structure: ModelStructure
     misfit: float  # mean square residual over the windows, in units of the noise
-    uncertainty_directions: Float64[np.ndarray, "R K"]
-    """Changes of all coefficients, each of one standard deviation, the largest first."""
+    uncertainty_directions: Float64[np.ndarray, "R K"]  # changes by one standard deviation, the largest first
     fit: ShootingFit
     windows: WindowSet
     bic: float  # Bayesian information criterion

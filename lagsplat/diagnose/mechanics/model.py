@@ -23,8 +23,9 @@ from lagsplat.diagnose.mechanics.basis import Basis
 States = Float64[np.ndarray, "N d"]
 Inputs = Float64[np.ndarray, "N n_u"]
 Matrices = Float64[np.ndarray, "N d d"]
-STIFFNESS_STEP = 1e-4
-"""Step of central differences of a force, as a share of how far each coordinate usually moves."""
+STIFFNESS_STEP = (
+    1e-4  # of central differences of a force, as a share of how far each coordinate usually moves
+)
 
 
 class Mechanics(Protocol):
@@ -97,12 +98,11 @@ class MechanicalModel:
     potential: Float64[np.ndarray, " Kv"]
     input_map: Float64[np.ndarray, "Kb n_u d"]
     dry: Float64[np.ndarray, " d"]  # dry friction of each coordinate, a generalised force
-    drag: Float64[np.ndarray, " d"]
-    """Quadratic drag of each coordinate, a generalised force over the squared velocity."""
-    width: Float64[np.ndarray, " d"]
-    """Speed below which dry friction is linear [unit of the coordinate per second]."""
-    rest: Float64[np.ndarray, " d"]
-    """Equilibrium without inputs, or the middle of the motion if there is none."""
+    drag: Float64[np.ndarray, " d"]  # quadratic, a generalised force over the squared velocity
+    width: Float64[np.ndarray, " d"]  # speed below which dry friction is linear [unit of the coordinate / s]
+    rest: Float64[
+        np.ndarray, " d"
+    ]  # equilibrium without inputs, or the middle of the motion if there is none
 
     @property
     def d(self) -> int:

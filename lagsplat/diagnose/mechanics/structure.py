@@ -10,12 +10,10 @@ from jaxtyping import Float64
 from lagsplat.diagnose.mechanics.basis import POWER, Basis, add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
-MAX_FEW_COORDINATES = 2
-"""Up to so many coordinates the search is cheap: fields grow by up to two degrees at once."""
+MAX_FEW_COORDINATES = 2  # up to so many the search is cheap, and fields grow by up to two degrees at once
 COEFFICIENT_FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag")
 """Fields of `MechanicalModel` that are estimated, in the order in which they are flattened."""
-MIN_ANGLE_RANGE = 0.6
-"""Range [rad] of every coordinate above which sines and cosines are tried beside polynomials."""
+MIN_ANGLE_RANGE = 0.6  # of every coordinate, above which sines and cosines are tried beside polynomials [rad]
 
 
 def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:

@@ -22,8 +22,7 @@ from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import build_candidate_bases, list_field_sizes
 
-EXACT_ERROR = 1e-6
-"""Relative error of the acceleration below which a projection is exact but for the regression's rounding."""
+EXACT_ERROR = 1e-6  # relative, of the acceleration, below which a projection is exact but for rounding
 MAX_DEGREE = {1: 9, 2: 8, 3: 4}  # highest degree of the polynomials by number of coordinates
 
 
@@ -37,8 +36,7 @@ class FieldFunctions:
     mass: Callable[[np.ndarray], np.ndarray]  # (N, d) to (N, d, d)
     potential_gradient: Callable[[np.ndarray], np.ndarray]  # gradient of the potential, (N, d) to (N, d)
     input_map: Callable[[np.ndarray], np.ndarray]  # (N, d) to (N, n_u, d)
-    dissipation: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    """Damping and friction, from ``q`` and ``v`` (N, d) to (N, d)."""
+    dissipation: Callable[[np.ndarray, np.ndarray], np.ndarray]  # of q and v, to (N, d)
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> Float64[np.ndarray, "N d"]:
         """Coriolis and centrifugal forces ``M' v - d(v.M v / 2)/dq``, by central differences of the mass."""

@@ -24,10 +24,8 @@ from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 from lagsplat.diagnose.simulators.projection_acceleration import project_acceleration
 
-ROUNDING_POWER_SHARE = 1e-9
-"""Power that damping seems to feed in, relative to the reactive power, which may be rounding error."""
+ROUNDING_POWER_SHARE = 1e-9  # power that damping feeds in by rounding, relative to the reactive power
 EXPECTED_METHODS = "mass(q), potential_gradient(q) or potential(q), damping(q), friction(q, v), input_map(q)"
-"""What an object needs, for messages."""
 
 
 def load_python(name: str) -> Any:

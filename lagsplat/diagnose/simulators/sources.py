@@ -19,10 +19,8 @@ from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_orde
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")  # suffixes of trajectory files that are tables
 VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
-VIDEO_KINDS = ("video", "mcap", "krauss", "recording")
-"""Kinds of sources that hold frames, and need an encoder to become a trajectory."""
-PYTHON_OBJECT = r"(?P<module>[A-Za-z_][\w.]*|.+\.py):(?P<attribute>[A-Za-z_][\w.]*)"
-"""Pattern of ``module:attribute`` and ``file.py:attribute``."""
+VIDEO_KINDS = ("video", "mcap", "krauss", "recording")  # hold frames, and need an encoder
+PYTHON_OBJECT = r"([A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*"  # module:attribute or file.py:attribute
 
 
 @dataclass(frozen=True)

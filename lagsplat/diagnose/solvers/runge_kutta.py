@@ -24,8 +24,7 @@ MEMORY_SIGNATURE = types.void(
     types.FunctionType(FORCE_LAW_SIGNATURE), MATRIX, VECTOR, MATRIX, types.int64[:, ::1], CUBE, CUBE
 )
 """Signature of `integrate_memory`, which takes any law and is so compiled once."""
-DIVERGED_SCALES = 1e6
-"""Distance from rest, in units of the scale of a coordinate, beyond which a rollout counts as diverged."""
+DIVERGED_SCALES = 1e6  # distance from rest beyond which a rollout has diverged [scale of the coordinate]
 MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
 MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not positive gives no NaN
 

@@ -22,14 +22,11 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Sprite:
-    """Colours times coverage, and coverage, in [0, 1].
+    """The image of a flat body."""
 
-    ``origin`` is the body's origin in the image [pixel], ``scale`` pixels per metre.
-    """
-
-    rgba: Float32[np.ndarray, "h w 4"]
-    origin: Point
-    scale: float
+    rgba: Float32[np.ndarray, "h w 4"]  # colours times coverage, and coverage, in [0, 1]
+    origin: Point  # the body's origin in the image [px]
+    scale: float  # pixels per metre
 
 
 def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
