@@ -23,9 +23,7 @@ from lagsplat.diagnose.mechanics.basis import Basis
 States = Float64[np.ndarray, "N d"]
 Inputs = Float64[np.ndarray, "N n_u"]
 Matrices = Float64[np.ndarray, "N d d"]
-STIFFNESS_STEP = (
-    1e-4  # of central differences of a force, as a share of how far each coordinate usually moves
-)
+STIFFNESS_STEP = 1e-4  # of central differences of a force, as a share of the usual range of a coordinate
 
 
 class Mechanics(Protocol):
