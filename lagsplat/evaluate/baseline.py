@@ -129,8 +129,8 @@ def estimate_velocities(
     The image's rate of change is the difference to the next frame (``forward``) or over both neighbours; at
     the ends of a clip it is the difference to the only neighbour.
     """
-    ends = np.concatenate([[start, stop - 1] for start, stop in part.segments])
-    first, last = ends[0::2], ends[1::2]
+    first, stops = np.array(part.segments).T
+    last = stops - 1
 
     @torch.no_grad()
     def velocities(frames: np.ndarray) -> np.ndarray:

@@ -7,20 +7,8 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
+from lagsplat.evaluate import forecast, free_motion
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.forecast import (
-    error_over_horizon,
-    image_forecast,
-    latent_forecast,
-    measure_autoencoder_floor,
-)
-from lagsplat.evaluate.free_motion import (
-    compare_decay,
-    compare_frequency,
-    compute_linear_modes,
-    cut_free_windows,
-    measure_natural_period,
-)
 from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, select_held_out
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
@@ -56,7 +44,7 @@ def evaluate(
     subject = make_run_subject(autoencoder, chart, lagrangian, recording, config)
     return {
         **score(subject, recording, config),
-        "linear_modes": compute_linear_modes(lagrangian),
+        "linear_modes": free_motion.compute_linear_modes(lagrangian),
         "inertia": inertia_along(lagrangian, subject.held.encoded[subject.held.skip :]),
         "wall_time_s": time.perf_counter() - begin,
     }
@@ -153,14 +141,14 @@ def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConf
         ValueError: the held-out part is too short for the protocol.
     """
     held = subject.held
-    floor = measure_autoencoder_floor(subject, most=config.floor_frames)
-    forecast = image_forecast(subject, config)
-    windows, reason = cut_free_windows(held, subject.integrate, config)
-    frequency = compare_frequency(windows, reason, dt_s=held.dt_s)
-    period_s = measure_natural_period(frequency, config)
+    floor = forecast.measure_autoencoder_floor(subject, most=config.floor_frames)
+    images = forecast.image_forecast(subject, config)
+    windows, reason = free_motion.cut_free_windows(held, subject.integrate, config)
+    frequency = free_motion.compare_frequency(windows, reason, dt_s=held.dt_s)
+    period_s = free_motion.measure_natural_period(frequency, config)
     latent: dict[str, Any] = {"reason": f"no natural period: {frequency['reason']}; set evaluate.period_s"}
     if period_s is not None:
-        latent = latent_forecast(subject, config, period_s=period_s)
+        latent = forecast.latent_forecast(subject, config, period_s=period_s)
         latent["period_from"] = "evaluate.period_s" if config.period_s else frequency["estimator"]
     return {
         "schema": SCHEMA,
@@ -172,28 +160,28 @@ def score(subject: EvaluationSubject, recording: Recording, config: EvaluateConf
         "dt_s": held.dt_s,
         "scores": {
             "ae_floor": floor["value"],
-            "mse_half_second": forecast["mse"],
-            "mse_ahead": forecast["mse_ahead"],
+            "mse_half_second": images["mse"],
+            "mse_ahead": images["mse_ahead"],
             "frequency_error": frequency["value"],
             "latent_nrmse": latent.get("nrmse"),
             "image_ratio": latent.get("image_ratio"),
             "external_force": subject.external_force,
-            "diverged": forecast["diverged"]
+            "diverged": images["diverged"]
             + latent.get("diverged", 0)
             + sum(row["diverged"] for row in frequency["windows"]),
-            "rollouts": forecast["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
+            "rollouts": images["windows"] + latent.get("windows", 0) + len(frequency["windows"]),
         },
         "intervals": {
-            "mse_half_second": [forecast["low"], forecast["high"]],
-            "mse_ahead": forecast["ahead_interval"],
+            "mse_half_second": [images["low"], images["high"]],
+            "mse_ahead": images["ahead_interval"],
             "frequency_error": [frequency["low"], frequency["high"]],
             "latent_nrmse": latent.get("nrmse_interval", [None, None]),
             "image_ratio": latent.get("image_ratio_interval", [None, None]),
         },
         "floor": floor,
-        "forecast": forecast,
+        "forecast": images,
         "frequency": frequency,
-        "damping": compare_decay(windows, reason),
+        "damping": free_motion.compare_decay(windows, reason),
         "latent": latent,
-        "horizon": error_over_horizon(subject, config),
+        "horizon": forecast.error_over_horizon(subject, config),
     }

@@ -6,18 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from lagsplat.evaluate.aggregate import bootstrap_interval
+from lagsplat.evaluate import protocol
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import (
-    EvaluationSubject,
-    HeldOut,
-    cut_windows,
-    draw_starts,
-    explain_shortage,
-    pin_diverged,
-    roll_out,
-    squared_norm,
-)
+from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut, squared_norm
 
 BAND = (16.0, 84.0)  # percentiles over starts
 LEAST = 3  # fewest states of a rollout whose error is given over time
@@ -46,8 +37,8 @@ def forecast_windows(
     The mean frame is that of up to 256 evenly spaced recorded frames of the scored part.
     """
     held, pictures = subject.held, subject.pictures
-    rollouts = roll_out(held, subject.integrate, starts, states)
-    pinned, gone = pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
+    rollouts = protocol.roll_out(held, subject.integrate, starts, states)
+    pinned, gone = protocol.pin_diverged(rollouts, bound=config.divergence_factor * held.reach)
     mean_frame = pictures(np.linspace(held.skip, held.n_frames - 1, 256).astype(np.int64)).mean(axis=0)
     rows = []
     for path, lost, start in zip(pinned, gone, starts, strict=True):
@@ -71,7 +62,7 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
     """
     held = subject.held
     states = round(config.horizon_s / held.dt_s)
-    starts = draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
+    starts = protocol.draw_starts(held, length=states, margin=0, count=config.starts, seed=config.seed)
     # ``mse_ahead`` needs one state more than the horizon; starts leave space for it.
     windows = forecast_windows(subject, starts, states + 1, config)
     error, hold, mean = (
@@ -117,14 +108,14 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     held = subject.held
     states = max(round(config.periods * period_s / held.dt_s), 2)
     margin = 3 if config.velocity == "forward" else 0  # as published
-    if why := explain_shortage(held, length=states, margin=margin):
+    if why := protocol.explain_shortage(held, length=states, margin=margin):
         return {"reason": why}
-    starts = draw_starts(held, length=states, margin=margin, count=config.starts, seed=config.seed)
+    starts = protocol.draw_starts(held, length=states, margin=margin, count=config.starts, seed=config.seed)
     windows = forecast_windows(subject, starts, states, config)
     stayed = ~windows.gone[:, -1]
     image = windows.error.mean(axis=1)
     floor = np.array([_floor_errors(subject, start + np.arange(states)).mean() for start in starts])
-    encoded, scale = cut_windows(held.encoded, starts, states), state_spread(held)
+    encoded, scale = protocol.cut_windows(held.encoded, starts, states), state_spread(held)
     error = state_errors(held, windows.states, windows.gone, encoded).mean(axis=1)
     hold = squared_norm(encoded[:, :1] - encoded, held.metric).mean(axis=1)
 
@@ -161,7 +152,7 @@ def _mean(values: np.ndarray) -> np.ndarray:
 def _interval(
     statistic: Callable[..., np.ndarray], config: EvaluateConfig, *per_window: np.ndarray
 ) -> list[float]:
-    return bootstrap_interval(
+    return protocol.bootstrap_interval(
         statistic, *per_window, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
     )
 
@@ -193,7 +184,7 @@ def error_over_horizon(subject: EvaluationSubject, config: EvaluateConfig) -> di
     if states < LEAST:
         return {"reason": f"the longest scored clip has {stop - first} frames; hold out more"}
     count = config.figure.horizon_starts
-    starts = draw_starts(held, length=states, margin=0, count=count, seed=config.seed)
+    starts = protocol.draw_starts(held, length=states, margin=0, count=count, seed=config.seed)
     windows = forecast_windows(subject, starts, states, config)
     low, high = np.percentile(windows.error, BAND, axis=0)
     return {

@@ -160,11 +160,8 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
         rows.append(row)
     oscillating = [row for row in rows if row["encoded"] is not None]
     both = [row for row in oscillating if row["rollout"] and row["encoded"]["rate_per_s"] > 0]
-    result: dict[str, Any] = {
-        "windows": rows,
-        "missing": len(oscillating) - len(both),
-        "n_windows": len(both),
-    }
+    counts = {"missing": len(oscillating) - len(both), "n_windows": len(both)}
+    result: dict[str, Any] = {"windows": rows, **counts}
     if not both:
         why = reason or "no window shows a decaying oscillation on both sides"
         return {"value": None, "encoded_per_s": None, "rollout_per_s": None, "reason": why, **result}

@@ -91,12 +91,16 @@ class LongRollout:
 
 @dataclass(frozen=True)
 class FigureWindow:
-    """Frames ``start`` to ``stop`` of ``series``, whose first frame is frame ``offset`` of the recording."""
+    """Frames ``start`` to ``stop`` of ``series``, whose first frame is frame ``offset`` of the recording.
+
+    ``boundary`` is the first held-out frame, counted from the start of the window; 0 if all are held out.
+    """
 
     series: HeldOut
     offset: int
     start: int
     stop: int
+    boundary: int
 
 
 def compute_long_rollout(
@@ -126,7 +130,6 @@ def compute_long_rollout(
     reach = max(held.reach, series.reach)
     pinned, diverged = pin_diverged(rollouts, bound=config.divergence_factor * reach)
     error = state_errors(held, pinned[0], diverged[0], series.encoded[frames]) / state_spread(held)
-    first = first_held_out(window, chart) or 0
     last = window.offset + window.stop - 1  # counted from the start of the recording
     ends = np.stack([chart.latents[last], pinned[0, -1]])
     source = fine or FineDecoder(autoencoder, recording)
@@ -144,9 +147,9 @@ def compute_long_rollout(
         input_units=tuple(dict.fromkeys(recording.input_units)),
         metric=series.metric,
         nrmse=float(np.sqrt(error.mean())),
-        held_nrmse=float(np.sqrt(error[first:].mean())),
+        held_nrmse=float(np.sqrt(error[window.boundary :].mean())),
         period_s=measure_natural_period(frequency, config),
-        held_s=float(time_s[first]) if first else None,
+        held_s=float(time_s[window.boundary]) if window.boundary else None,
         lost_s=float(time_s[np.argmax(diverged[0])]) if diverged.any() else None,
         images=_render_last(source, chart, ends, frame=last, encoded_height=recording.height),
     )
@@ -164,7 +167,7 @@ def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
     most = round(config.figure.duration_s / chart.dt_s) + 1
     if config.figure.start == "held_out":
         start, stop = held.longest
-        return FigureWindow(held, chart.n_train, start, min(start + most, stop))
+        return FigureWindow(held, chart.n_train, start, min(start + most, stop), 0)
     series = list_series(chart, chart.whole, config, skip=0)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]
     if not crossing:
@@ -176,13 +179,7 @@ def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
     start = max(begin, end - most)
     if start > chart.n_train - most // 4:  # the held-out end would fill the figure
         start = max(begin, chart.n_train - most // 2)
-    return FigureWindow(series, 0, start, min(start + most, end))
-
-
-def first_held_out(window: FigureWindow, chart: Chart) -> int | None:
-    """First held-out frame, counted from the start of the window; None if all of it is held out."""
-    first = chart.n_train - window.offset - window.start
-    return first if first > 0 else None
+    return FigureWindow(series, 0, start, min(start + most, end), chart.n_train - start)
 
 
 def _render_last(

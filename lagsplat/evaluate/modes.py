@@ -89,9 +89,7 @@ def _esprit(signal: np.ndarray, step_s: float, most: int) -> list[Complex128[np.
 
 
 def _canonical(poles: np.ndarray) -> np.ndarray:
-    """One pole of each conjugate pair (positive imaginary part) and the real poles, without fast-growing
-    ones.
-    """
+    """One pole of each conjugate pair (positive imaginary part), then the real poles."""
     real = poles[np.abs(poles.imag) < 1e-9].real.astype(complex)
     return np.concatenate([poles[poles.imag >= 1e-9], real])
 

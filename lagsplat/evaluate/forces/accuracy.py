@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float64
 
 from lagsplat.evaluate.forces.known_forces import KnownForces
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
 from lagsplat.forces.grasp import NoMatterError, grasp_brush, grasp_nearest
 
@@ -113,9 +114,8 @@ def compare_scales(
     loads = list_loads(pokes, grasps)[:, level]
     known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
     order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
-    kept = np.unique(np.linspace(0, len(order) - 1, OTHERS).round().astype(int)).tolist()
     found = []
-    for i in (order[j] for j in kept if order):
+    for i in (order[j] for j in choose_evenly(len(order), OTHERS)):
         try:
             found.append(fit_energy_scale(held, loads[i], grasps.field[usable], pokes.ways[i, level][usable]))
         except NoScaleError:

@@ -8,14 +8,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from lagsplat.evaluate.forces.accuracy import (
-    GraspedPoints,
-    are_alike,
-    choose_grasps,
-    compare_answers,
-    list_loads,
-    to_shape_error,
-)
+from lagsplat.evaluate.forces import accuracy
 from lagsplat.evaluate.forces.invariants import force_invariants
 from lagsplat.evaluate.forces.known_forces import KnownForces, simulate_known_forces
 from lagsplat.evaluate.protocol import choose_evenly
@@ -78,8 +71,8 @@ def compare_forces_with_truth(
     slope = ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
     radius = config.brush * held.kinematics.width
     pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
-    grasps = choose_grasps(held, pokes.places, radius=radius)
-    answers = compare_answers(held, pokes, radius=radius, read=lambda q: system.pixels(to_states(q)))
+    grasps = accuracy.choose_grasps(held, pokes.places, radius=radius)
+    answers = accuracy.compare_answers(held, pokes, radius=radius, read=lambda q: system.pixels(to_states(q)))
     scale, length_s = answers["brush"]["scale"], config.periods / float(truth.natural_frequencies_hz[0])
     return answers | {
         "in_time": respond_in_time(held, system, pokes, grasps, scale=scale, length_s=length_s),
@@ -88,7 +81,7 @@ def compare_forces_with_truth(
     }
 
 
-def easiest_direction(pokes: KnownForces, grasps: GraspedPoints, level: int) -> list[int]:
+def easiest_direction(pokes: KnownForces, grasps: accuracy.GraspedPoints, level: int) -> list[int]:
     """The poke of least force at every point that can be grasped and has a true answer."""
     usable = np.isfinite(pokes.distance[:, level]) & grasps.usable[pokes.point]
     at_points = [np.flatnonzero(usable & (pokes.point == p)) for p in np.unique(pokes.point[usable])]
@@ -99,7 +92,7 @@ def respond_in_time(
     held: OperatingPoint,
     system: Pushable,
     pokes: KnownForces,
-    grasps: GraspedPoints,
+    grasps: accuracy.GraspedPoints,
     *,
     scale: float,
     length_s: float,
@@ -116,7 +109,7 @@ def respond_in_time(
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
     moved = [system.moved(pokes.point[i], pokes.forces[i, level], time_s=time_s) for i in chosen]
     true = np.stack([system.pixels(states) - pokes.places for states in moved])
-    loads = torch.from_numpy(scale * list_loads(pokes, grasps)[chosen, level])
+    loads = torch.from_numpy(scale * accuracy.list_loads(pokes, grasps)[chosen, level])
     rows, steps = len(chosen), len(time_s)
     q, _ = rollout_under_force(
         held.law,
@@ -130,15 +123,15 @@ def respond_in_time(
     true = true[:, :, grasps.usable]
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
-    cosine, _ = are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
+    cosine, _ = accuracy.are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
     result = {"n": rows, "length_s": float(time_s[-1])}
-    for name, values in (("error", error), ("shape", to_shape_error(cosine[:, 0]))):
+    for name, values in (("error", error), ("shape", accuracy.to_shape_error(cosine[:, 0]))):
         result |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
     return result
 
 
 def respond_at_once(
-    held: OperatingPoint, system: Pushable, pokes: KnownForces, grasps: GraspedPoints
+    held: OperatingPoint, system: Pushable, pokes: KnownForces, grasps: accuracy.GraspedPoints
 ) -> dict[str, float]:
     """Shape error of the first motion, ``M^-1 J^T f``, with three masses; medians over the points.
 
@@ -156,12 +149,12 @@ def respond_at_once(
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
-    loads = list_loads(pokes, grasps)[chosen, level]
+    loads = accuracy.list_loads(pokes, grasps)[chosen, level]
     found = {}
     for name, mass in (("learned", learned), ("uniform", induced), ("true", true_mass)):
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
-        cosine, _ = are_alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
-        found[name] = float(np.median(to_shape_error(cosine)))
+        cosine, _ = accuracy.are_alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
+        found[name] = float(np.median(accuracy.to_shape_error(cosine)))
     return found
 
 

@@ -161,7 +161,10 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
         for column, (name, matrices) in enumerate(forms):
             axes[0, column].set_title(f"mass: {name}")
             if not planes:
-                _draw_line(axes[0, column], states[:, 0], matrices[:, 0, 0])
+                axis, order, mass = axes[0, column], np.argsort(states[:, 0]), matrices[:, 0, 0]
+                axis.plot(states[order, 0], mass[order], color=style.PREDICTED)
+                axis.axhline(float(mass.mean()), color=style.QUIET, linestyle="--")
+                axis.set_ylim(bottom=0.0)
             for row, plane in enumerate(planes):
                 _draw_plane(axes[row, column], states[:, plane], matrices[:, plane][:, :, plane])
         labels = [(f"$q_{{{i + 1}}}$", f"$q_{{{j + 1}}}$") for i, j in planes] or [("$q_1$", "$M$")]
@@ -170,13 +173,6 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
             for axis in row:
                 axis.set_xlabel(xlabel)
     return figure
-
-
-def _draw_line(axis: Any, q: np.ndarray, mass: np.ndarray) -> None:
-    order = np.argsort(q)
-    axis.plot(q[order], mass[order], color=style.PREDICTED)
-    axis.axhline(float(mass.mean()), color=style.QUIET, linestyle="--")
-    axis.set_ylim(bottom=0.0)
 
 
 def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:

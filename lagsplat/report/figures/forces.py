@@ -12,17 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lagsplat.evaluate.forces.motion import SpacePush
+from lagsplat.forces import moving_parts
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
-from lagsplat.forces.moving_parts import (
-    MovingParts,
-    choose_background_points,
-    choose_hanging_points,
-    choose_lever_points,
-    draw_outline,
-    find_moving_parts,
-)
 from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
@@ -139,7 +132,7 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
 
     Source: paper, figures of interactive forces.
     """
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    scene = moving_parts.find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
     radius = config.brush * held.kinematics.width
     named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
     loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
@@ -153,19 +146,21 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
         moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
         arrows = np.stack([feet, sizes], axis=1)
         panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image))
-    outline = draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
+    outline = moving_parts.draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
     return ForcePanels(tuple(panels), outline, scene.motion.shape)
 
 
-def _push_rolling(held: OperatingPoint, scene: MovingParts, response: float, radius: float) -> NamedPushes:
+def _push_rolling(
+    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+) -> NamedPushes:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
-    grips = [_grasp(held, point, radius) for point in choose_lever_points(scene, margin=radius)]
+    grips = [_grasp(held, point, radius) for point in moving_parts.choose_lever_points(scene, margin=radius)]
     far = grips[-1]
     size = held.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
     grips_off_object = []
-    for point in choose_background_points(scene, 4 * N_BACKGROUND, margin=2 * radius):
+    for point in moving_parts.choose_background_points(scene, 4 * N_BACKGROUND, margin=2 * radius):
         try:
             grips_off_object.append(_grasp(held, point, radius))
         except NoMatterError:  # the background colour has no Gaussian there
@@ -173,9 +168,11 @@ def _push_rolling(held: OperatingPoint, scene: MovingParts, response: float, rad
     return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips_off_object[:N_BACKGROUND]]
 
 
-def _push_hanging(held: OperatingPoint, scene: MovingParts, response: float, radius: float) -> NamedPushes:
+def _push_hanging(
+    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+) -> NamedPushes:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
-    *points, along = choose_hanging_points(scene)
+    *points, along = moving_parts.choose_hanging_points(scene)
     middle, tip = (_grasp(held, point, radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])

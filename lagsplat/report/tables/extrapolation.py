@@ -146,6 +146,11 @@ def _build_row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, 
     values = [measure.read(result) for result in model.results]
     known = [value for value in values if value is not None and np.isfinite(value)]
     several = len(set(known)) > 1
+    reasons = {
+        "the rollout diverged" if result["diverged"] else str(result["reason"] or result["physics"]["reason"])
+        for result, value in zip(model.results, values, strict=True)
+        if value is None
+    }
     return {
         "system": model.system,
         "model": model.model,
@@ -156,19 +161,10 @@ def _build_row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, 
         "n_seeds": len(values),
         "n_measured": len(known),
         "sigma": take_median(result["physics"].get(f"{measure.name}_sigma") for result in model.results),
-        "note": "" if len(known) == len(values) else _list_reasons(model.results, measure),
+        "note": "; ".join(sorted(reasons - {""})),
         "recording": model.recording,
         "profile": model.profile,
     }
-
-
-def _list_reasons(results: Sequence[Mapping[str, Any]], measure: ExtrapolationMeasure) -> str:
-    reasons = {
-        "the rollout diverged" if result["diverged"] else str(result["reason"] or result["physics"]["reason"])
-        for result in results
-        if measure.read(result) is None
-    }
-    return "; ".join(sorted(reason for reason in reasons if reason))
 
 
 def _list_paper_rows(system: str) -> list[dict[str, Any]]:

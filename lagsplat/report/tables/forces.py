@@ -43,9 +43,9 @@ INVARIANT_COLUMNS = ("system", "method", *INVARIANTS, "across", "recording", "pr
 PAPER_SYSTEM = "rainbow_rocker"
 # The same downward force at three slats: -0.50, -0.76, -0.84; on the other side +1.22. Sums: one force from
 # the other two by linearity. Across: in three dimensions, and absolute.
-PAPER_INVARIANTS = {"left": -0.84, "right": 1.22, "background": 0.007, "typical": 0.50, "ratio": 70.0} | {
-    "force_sum": 8e-8,
-    "across": 3.1e-17,
+PAPER_INVARIANTS = {
+    **{"left": -0.84, "right": 1.22, "background": 0.007, "typical": 0.50, "ratio": 70.0},
+    **{"force_sum": 8e-8, "across": 3.1e-17},
 }
 
 

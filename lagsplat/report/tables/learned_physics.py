@@ -19,7 +19,6 @@ from lagsplat.report.common.published_values import RECORDING
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
 TRUTH_CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
-TRUTH_SPREAD = ("learned_low", "learned_high")
 
 MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
 LEARNED_MASS = "learned"
@@ -69,22 +68,18 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
             changed = table_rows.name_changes(group.stage1, stage2)
             for quantity in dict.fromkeys(row["quantity"] for seed in seeds for row in seed):
                 same = [row for seed in seeds for row in seed if row["quantity"] == quantity]
-                names = {"system": group.system, "quantity": quantity + changed, **group.place}
-                rows.append({**names, **_summarize_seeds(same), "n_seeds": len(seeds)})
+                row: dict[str, Any] = {"system": group.system, "quantity": quantity + changed, **group.place}
+                for name in ("learned", "truth", "error", "encoded", "residual"):
+                    row[name] = table_rows.take_median(measured[name] for measured in same)
+                learned = {measured["learned"] for measured in same} - {None}
+                if len(learned) > 1:
+                    row |= {"learned_low": min(learned), "learned_high": max(learned)}
+                rows.append(row | {"n_seeds": len(seeds)})
     if not rows:
         raise ValueError("no run has a truth to compare with: evaluate one of a simulated recording")
     frame = pd.DataFrame(rows, dtype=object)
-    spread = [name for name in TRUTH_SPREAD if frame[name].notna().any()]
+    spread = table_rows.list_spread_columns(frame, ["learned"])
     return frame.reindex(columns=[*TRUTH_COLUMNS, *TRUTH_CONTEXT, *spread])
-
-
-def _summarize_seeds(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    names = ("learned", "truth", "error", "encoded", "residual")
-    summary: dict[str, Any] = {name: table_rows.take_median(row[name] for row in rows) for name in names}
-    learned = {row["learned"] for row in rows} - {None}
-    several = len(learned) > 1
-    low, high = (min(learned), max(learned)) if several else (None, None)
-    return summary | {"learned_low": low, "learned_high": high}
 
 
 def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:

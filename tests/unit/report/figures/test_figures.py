@@ -14,7 +14,6 @@ from lagsplat.evaluate.long_rollout import (
     choose_inset,
     compute_long_rollout,
     estimate_shift,
-    first_held_out,
 )
 from lagsplat.evaluate.protocol import select_held_out
 from lagsplat.report.common.style import save_figure
@@ -125,7 +124,7 @@ def test_the_boundary_is_in_the_figure(parts, duration_s, begin, end):
     config = settings(figure={"start": "boundary", "duration_s": duration_s})
     stretch = choose_figure_window(parts[1], config)
     assert (stretch.start, stretch.stop) == (begin, end)
-    assert first_held_out(stretch, parts[1]) == 300 - begin
+    assert stretch.boundary == 300 - begin
 
 
 def test_an_unseen_clip_cannot_be_crossed_into(parts):
@@ -134,7 +133,7 @@ def test_an_unseen_clip_cannot_be_crossed_into(parts):
         choose_figure_window(clips, settings(figure={"start": "boundary"}))
     whole = choose_figure_window(clips, settings())
     assert (whole.offset, whole.start, whole.stop) == (300, 2, 300)
-    assert first_held_out(whole, clips) is None
+    assert whole.boundary == 0
 
 
 def test_a_finer_decoder_draws_its_own_recording(parts):
