@@ -25,9 +25,9 @@ from lagsplat.evaluate.protocol import STENCILS, EvaluationSubject, HeldOut, Pic
 from lagsplat.io.recording.recording import Recording
 
 CHUNK = 128  # images encoded or rendered at once: bounds memory, not results
-SEEN = 64  # training frames on which the visibility of the coordinates is measured
+SAMPLE = 64  # training frames on which the visibility of the coordinates is measured
 STEP = 2e-2  # step of the finite differences, in units of the latent prior
-ASKED = 8  # states at which the response to a force is tested
+PROBED = 8  # states at which the response to a force is tested
 
 Forces = Float[Tensor, "B G 2"]
 
@@ -68,7 +68,7 @@ def make_baseline_subject(
         )
     pictures = make_picture_reader(recording, first=recording.split()[0].n_frames)
     held = read_held_out(baseline, recording, pictures, config)
-    asked = torch.from_numpy(held.latents[:: max(1, held.n_frames // ASKED)]).float()
+    probed = torch.from_numpy(held.latents[:: max(1, held.n_frames // PROBED)]).float()
 
     @torch.no_grad()
     def render(z: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ def make_baseline_subject(
         start = (torch.from_numpy(values).float() for values in (z0, v0, inputs))
         return baseline.rollout(*start)[0].double().numpy()
 
-    reach = baseline_horizon(baseline, asked)
+    reach = baseline_horizon(baseline, probed)
     return EvaluationSubject(of.d, "linear", reach, held, pictures, render, integrate)
 
 
@@ -93,8 +93,8 @@ def read_held_out(
     samples, first = baseline.architecture.samples, train.n_frames
     clock = read_time_base(recording.time_s, recording.segments)
     latents = encode(baseline, pictures, np.arange(part.n_frames))
-    seen = np.random.default_rng(config.seed).choice(first, min(SEEN, first), replace=False)
-    z = encode(baseline, make_picture_reader(recording, first=0), np.sort(seen))
+    sample = np.random.default_rng(config.seed).choice(first, min(SAMPLE, first), replace=False)
+    z = encode(baseline, make_picture_reader(recording, first=0), np.sort(sample))
     visible = measure_visibility(lambda q: baseline.decode(q.float()), z, step=STEP)
     fed = stack_delays(recording.inputs, samples=samples, segments=recording.segments)
     return HeldOut(
@@ -153,12 +153,12 @@ def compute_baseline_modes(baseline: Baseline) -> list[dict[str, float]]:
         values = np.linalg.eigvals(baseline.dynamics.transition().double().numpy())
     with np.errstate(divide="ignore"):
         rates = np.log(values.astype(complex)) / baseline.architecture.dt_s
-    found = [
+    modes = [
         {"frequency_hz": float(abs(rate.imag) / (2 * np.pi)), "rate_per_s": float(-rate.real)}
         for rate in rates
         if rate.imag >= 0
     ]
-    return sorted(found, key=lambda mode: (mode["frequency_hz"], mode["rate_per_s"]))
+    return sorted(modes, key=lambda mode: (mode["frequency_hz"], mode["rate_per_s"]))
 
 
 def pull_back_force(baseline: Baseline, z: Latents, forces: Forces) -> Latents | None:

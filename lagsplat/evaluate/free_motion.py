@@ -51,11 +51,11 @@ def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int,
     least = max(round(config.free_min_s / held.dt_s), 1)
     amplitude = float(np.ptp(held.inputs[held.skip :], axis=0).max()) if held.inputs.shape[1] else 0.0
     rate, excursion = config.free_rate_fraction * amplitude, config.free_excursion_fraction * amplitude
-    found: list[tuple[int, int]] = []
+    segments: list[tuple[int, int]] = []
     for start, stop in held.clips:
         still = _still(held.inputs[start:stop], rate, excursion) if amplitude else [(0, stop - start)]
-        found += [(start + a, start + b) for a, b in still if b - a >= least]
-    return sorted(found, key=lambda ends: ends[0] - ends[1])[: config.free_max_segments]
+        segments += [(start + a, start + b) for a, b in still if b - a >= least]
+    return sorted(segments, key=lambda ends: ends[0] - ends[1])[: config.free_max_segments]
 
 
 def _still(inputs: np.ndarray, rate: float, excursion: float) -> list[tuple[int, int]]:
@@ -87,7 +87,7 @@ def cut_free_windows(
         reason = f"no input stands still for {config.free_min_s} s"
         return [], f"{reason} after the first {held.skip} held-out frames"
     scale = _rms(held.encoded, held.metric)
-    kept: list[FreeWindow] = []
+    windows: list[FreeWindow] = []
     for start, stop in segments:
         even = resample_evenly(held.encoded[start:stop], held.clock, start=start)
         frequency = _peak(held, even, config).visible_hz
@@ -102,9 +102,9 @@ def cut_free_windows(
             if _rms(held.encoded[s : s + length], held.metric) >= config.window_min_amplitude * scale
         ]
         if loud:
-            kept += _roll_out(held, integrate, np.array(loud), length, config)
-    if kept:
-        return sorted(kept, key=lambda window: window.start), ""
+            windows += _roll_out(held, integrate, np.array(loud), length, config)
+    if windows:
+        return sorted(windows, key=lambda window: window.start), ""
     return [], f"{len(segments)} free segment(s), none with an oscillation above the quietest one allowed"
 
 
@@ -183,10 +183,10 @@ def compute_linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
 
     An overdamped direction appears as two entries of frequency 0.
     """
-    found = linearize_modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
+    modes = linearize_modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
     return [
         {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
-        for frequency_hz, rate_per_s in zip(found.frequency_hz, found.decay_per_s, strict=True)
+        for frequency_hz, rate_per_s in zip(modes.frequency_hz, modes.decay_per_s, strict=True)
     ]
 
 

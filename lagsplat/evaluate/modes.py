@@ -158,14 +158,14 @@ def _oscillations(
 ) -> tuple[Mode, ...]:
     columns = _columns(poles, time_s)
     amplitudes = np.linalg.lstsq(columns, signal, rcond=None)[0]
-    found, at = [], 1
+    turning, at = [], 1
     for pole, deviation in zip(poles, sigma, strict=True):
         width = 1 if pole.imag == 0 else 2
         part = columns[:, at : at + width] @ amplitudes[at : at + width]
         at += width
         if pole.imag * time_s[-1] >= np.pi and abs(pole.real) <= 3.0 * pole.imag / (2 * np.pi):
-            found.append((pole, deviation, float(np.sum(part**2))))
-    total = sum(energy for _, _, energy in found) or 1.0
+            turning.append((pole, deviation, float(np.sum(part**2))))
+    total = sum(energy for _, _, energy in turning) or 1.0
     modes = (
         Mode(
             frequency_hz=float(pole.imag / (2 * np.pi)),
@@ -174,6 +174,6 @@ def _oscillations(
             rate_sigma=float(deviation[0]),
             share=energy / total,
         )
-        for pole, deviation, energy in found
+        for pole, deviation, energy in turning
     )
     return tuple(sorted(modes, key=lambda mode: -mode.share))

@@ -32,8 +32,8 @@ def score_novel_views(autoencoder: Autoencoder, recording: Recording, views: Nov
         known = None if views.cover is None else views.cover[:, i] > 255 * KNOWN
         place = views.space.seen_by(camera)
         rows.append(view_errors(autoencoder, latents, place, views.images[:, i], known))
-    own = views.space.seen_by(views.space.reference)
-    filmed = view_errors(autoencoder, latents, own, recording.frames, None)
+    reference = views.space.seen_by(views.space.reference)
+    filmed = view_errors(autoencoder, latents, reference, recording.frames, None)
     errors = np.stack(rows)
     groups = {"held_out": errors[views.held_out], "seen": errors[~views.held_out], "filmed": filmed[None]}
     scores: dict[str, Any] = {

@@ -70,7 +70,7 @@ def _free_windows(metrics: dict[str, Any], truth: Truth, chart: Chart) -> list[d
     Coordinates are weighted by their motion in the recording, so that one which hardly moves counts little.
     """
     metric = np.diag(np.maximum(truth.states.std(axis=0), 1e-12) ** -2.0)
-    found = []
+    windows = []
     for row in metrics["damping"]["windows"]:
         first = chart.n_train + row["start"]
         series = truth.states[first : first + row["frames"]]
@@ -82,8 +82,8 @@ def _free_windows(metrics: dict[str, Any], truth: Truth, chart: Chart) -> list[d
                 true.setdefault(int(apart.argmin()), mode)
         frequencies = [mode["frequency_hz"] for mode in true.values()]
         sides = [_matched(_visible(row[f"{side}_modes"]), frequencies) for side in ("rollout", "encoded")]
-        found.append(dict(zip(true, zip(true.values(), *sides, strict=True), strict=True)))
-    return found
+        windows.append(dict(zip(true, zip(true.values(), *sides, strict=True), strict=True)))
+    return windows
 
 
 def _visible(modes: Sequence[Mode]) -> list[Mode]:

@@ -290,8 +290,8 @@ def fit_start(
     first = min(len(latents), 5)
     slope = np.polynomial.polynomial.polyfit(places[:first], latents[:first], min(2, first - 1))[1]
     guess = np.concatenate([latents[0], slope / clip.dt_s * unit])
-    found = least_squares(lambda start: residuals(start[None])[0], guess, jac=slopes, max_nfev=50).x
-    return found[None, :d], found[None, d:] / unit
+    best = least_squares(lambda start: residuals(start[None])[0], guess, jac=slopes, max_nfev=50).x
+    return best[None, :d], best[None, d:] / unit
 
 
 def _at(path: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -33,12 +33,12 @@ def fit_oscillation(
     signal, span_s = (visible - visible.mean()) / scale, (len(visible) - 1) * dt_s
     time = np.linspace(-0.5, 0.5, len(signal))  # in spans, centred: there the phase terms are independent
     start = np.array([_envelope(signal), 2 * np.pi * modes[0].frequency_hz * span_s, 0.0])
-    found = least_squares(lambda x: _missed(x, signal, time), start, method="lm", max_nfev=400)
-    rate, omega, _ = found.x
-    left = float(np.sum(found.fun**2) / np.sum(signal**2))
+    fit = least_squares(lambda x: _missed(x, signal, time), start, method="lm", max_nfev=400)
+    rate, omega, _ = fit.x
+    left = float(np.sum(fit.fun**2) / np.sum(signal**2))
     if abs(omega) / (2 * np.pi) < LEAST_CYCLES or left > 1 - STRONGEST:
         return None
-    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * _noise(found.fun))
+    spread = np.sqrt(np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * _noise(fit.fun))
     return {
         "frequency_hz": float(abs(omega) / (2 * np.pi * span_s)),
         "frequency_sigma": float(spread[1] / (2 * np.pi * span_s)),

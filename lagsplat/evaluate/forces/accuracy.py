@@ -47,54 +47,58 @@ def choose_grasps(
 
 
 def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
-    """Errors of the static answers, ready for JSON.
+    """Errors of the static answers, ready for JSON, with a brush of ``radius`` [px].
 
     Law and truth get the same force on the same material point; the energy scale comes from one poke, that
     of the easiest point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th
     percentiles) over pokes whose true answer lies in the visited range, ``levels`` those at each level of
     force; a ``nearest`` block grasps one Gaussian instead of a brush. ``direction_deg`` is the angle between
     the displacements of the pushed point, ``shape`` the relative residual of the displacements of all points
-    after the best factor, and ``amplitude`` the distance of that factor from 1. ``pictured`` errors read the
-    displacements through a map from latents to true coordinates, the others from the decoder's matter.
-
-    Args:
-        held, pokes: the operating point of the run, and the known forces with their true answers.
-        radius, read: of the brush [px], and places of the material points at whitened states.
+    after the best factor, and ``amplitude`` the distance of that factor from 1. ``pictured`` errors take
+    the displacements from ``read``, which goes from latents through true coordinates to places in the image,
+    the others from the decoder's matter.
 
     Raises:
         NoScaleError: with a brush, the law answers the reference poke in the wrong direction.
     """
-    brushed = choose_grasps(held, pokes.places, radius=radius)
+    brushed, inside = choose_grasps(held, pokes.places, radius=radius), pokes.distance <= 1.0
+    brush, errors = _score_grasps(held, pokes, brushed, read)
+    levels = []
+    for i, level in enumerate(pokes.levels):
+        row = summarize_errors(errors, np.arange(len(pokes.levels)) == i)
+        levels.append({**row, "level": level, "distance": _median(pokes.distance[:, i])})
+    places = []
+    for p in np.unique(pokes.point):
+        there = (pokes.point == p)[:, None] & inside
+        medians = {name: _median(values[there]) for name, values in errors.items()}
+        places.append({"place": pokes.places[p].tolist(), **medians})
     nearest = replace(brushed, grips=choose_grasps(held, pokes.places, radius=None).grips)
-    inside = pokes.distance <= 1.0
-    result: dict[str, Any] = {"points": int(brushed.usable.sum()), "missed": int((~brushed.usable).sum())}
-    for name, grasps in (("brush", brushed), ("nearest", nearest)):
-        try:
-            scale, others = compare_scales(held, pokes, grasps)
-        except NoScaleError as error:
-            if name == "brush":
-                raise
-            result[name] = {"refused": str(error)}
-            continue
-        errors = compute_errors(held, pokes, grasps, scale, read)
-        result[name] = {
-            "scale": scale,
-            "scale_of_others": np.quantile(others / scale, [0.1, 0.5, 0.9]).tolist(),
-            "inside": summarize_errors(errors, inside),
-        }
-        if name == "brush":
-            result["levels"] = []
-            for i, level in enumerate(pokes.levels):
-                row = summarize_errors(errors, np.arange(len(pokes.levels)) == i)
-                result["levels"].append({**row, "level": level, "distance": _median(pokes.distance[:, i])})
-            result["map"] = []
-            for p in np.unique(pokes.point):
-                there = (pokes.point == p)[:, None] & inside
-                medians = {name: _median(values[there]) for name, values in errors.items()}
-                result["map"].append({"place": pokes.places[p].tolist(), **medians})
-    result["tipped"] = int(np.isnan(pokes.distance).sum())
-    result["pokes"] = int(inside.size)
-    return result
+    try:
+        single, _ = _score_grasps(held, pokes, nearest, read)
+    except NoScaleError as error:
+        single = {"refused": str(error)}
+    return {
+        "points": int(brushed.usable.sum()),
+        "missed": int((~brushed.usable).sum()),
+        "brush": brush,
+        "levels": levels,
+        "map": places,
+        "nearest": single,
+        "tipped": int(np.isnan(pokes.distance).sum()),
+        "pokes": int(inside.size),
+    }
+
+
+def _score_grasps(
+    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, read: Read
+) -> tuple[dict[str, Any], Errors]:
+    scale, others = compare_scales(held, pokes, grasps)
+    errors = compute_errors(held, pokes, grasps, scale, read)
+    return {
+        "scale": scale,
+        "scale_of_others": np.quantile(others / scale, [0.1, 0.5, 0.9]).tolist(),
+        "inside": summarize_errors(errors, pokes.distance <= 1.0),
+    }, errors
 
 
 def list_loads(pokes: KnownForces, grasps: GraspedPoints) -> Float64[np.ndarray, "N L d"]:
@@ -114,16 +118,18 @@ def compare_scales(
     loads = list_loads(pokes, grasps)[:, level]
     known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
     order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
-    found = []
+    scales = []
     for i in (order[j] for j in choose_evenly(len(order), OTHERS)):
         try:
-            found.append(fit_energy_scale(held, loads[i], grasps.field[usable], pokes.ways[i, level][usable]))
+            scales.append(
+                fit_energy_scale(held, loads[i], grasps.field[usable], pokes.ways[i, level][usable])
+            )
         except NoScaleError:
-            if not found:
+            if not scales:
                 raise
-    if not found:
+    if not scales:
         raise NoScaleError("no point of the object can be taken hold of: nothing is drawn there at rest")
-    return found[0], np.array(found)
+    return scales[0], np.array(scales)
 
 
 def compute_errors(
@@ -168,12 +174,12 @@ def to_shape_error(cosine: Float64[np.ndarray, "*n"]) -> Float64[np.ndarray, "*n
 def summarize_errors(errors: Errors, chosen: np.ndarray) -> dict[str, Any]:
     """Medians and 90th percentiles over the chosen pokes, and how many there are."""
     chosen = np.broadcast_to(chosen, next(iter(errors.values())).shape)
-    found: dict[str, Any] = {"n": int(np.isfinite(errors["shape"][chosen]).sum())}
+    summary: dict[str, Any] = {"n": int(np.isfinite(errors["shape"][chosen]).sum())}
     for name, values in errors.items():
         kept = values[chosen][np.isfinite(values[chosen])]
-        found[name] = _median(kept)
-        found[f"{name}_p90"] = float(np.quantile(kept, 0.9)) if len(kept) else None
-    return found
+        summary[name] = _median(kept)
+        summary[f"{name}_p90"] = float(np.quantile(kept, 0.9)) if len(kept) else None
+    return summary
 
 
 def _median(values: np.ndarray) -> float | None:

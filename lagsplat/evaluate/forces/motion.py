@@ -48,14 +48,14 @@ def measure_forces(
     Raises:
         ValueError: nothing moves in the image.
     """
-    found: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
+    result: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
     if truth is not None:
         system = make_pushable(driven, released, pressure=held.u.numpy(), points=config.points)
         try:
-            found["truth"] = compare_forces_with_truth(held, system, truth, config)
+            result["truth"] = compare_forces_with_truth(held, system, truth, config)
         except NoScaleError as error:
-            found["truth"] = {"refused": str(error)}
-    return found
+            result["truth"] = {"refused": str(error)}
+    return result
 
 
 def compare_forces_with_truth(
@@ -150,12 +150,12 @@ def respond_at_once(
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
     loads = accuracy.list_loads(pokes, grasps)[chosen, level]
-    found = {}
+    medians = {}
     for name, mass in (("learned", learned), ("uniform", induced), ("true", true_mass)):
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
         cosine, _ = accuracy.are_alike(ways[:, None][:, :, usable], true[:, None][:, :, usable])
-        found[name] = float(np.median(accuracy.to_shape_error(cosine)))
-    return found
+        medians[name] = float(np.median(accuracy.to_shape_error(cosine)))
+    return medians
 
 
 def measure_energy_spans(
