@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.evaluate import protocol
+from lagsplat.evaluate.aggregate import bootstrap_interval
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut, squared_norm
 
@@ -152,7 +153,7 @@ def _mean(values: np.ndarray) -> np.ndarray:
 def _interval(
     statistic: Callable[..., np.ndarray], config: EvaluateConfig, *per_window: np.ndarray
 ) -> list[float]:
-    return protocol.bootstrap_interval(
+    return bootstrap_interval(
         statistic, *per_window, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
     )
 
