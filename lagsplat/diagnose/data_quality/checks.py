@@ -20,22 +20,19 @@ FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
 
 @dataclass(frozen=True)
 class PreparedSide:
-    """The motions of one side, unwrapped and cut where they must not be continued, with all findings.
-
-    ``period_s`` is the natural period [s], None where nothing swings; ``noise`` that of the measurement.
-    """
+    """The motions of one side, unwrapped and cut where they must not be continued, with all findings."""
 
     motions: tuple[Trajectory, ...]
     findings: tuple[Finding, ...]
-    period_s: float | None
+    period_s: float | None  # natural period [s], None where nothing swings
     noise: MeasurementNoise
 
 
 @dataclass(frozen=True)
 class DataCheck:
-    """Both sides, ready for use; ``sim`` is None where the simulator is a model without recordings."""
+    """Both sides, ready for use."""
 
-    sim: PreparedSide | None
+    sim: PreparedSide | None  # None where the simulator is a model without recordings
     real: PreparedSide
     findings: tuple[Finding, ...]
 

@@ -19,19 +19,15 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class _Jump:
-    """A mismatch of position across the border before sample ``at``, in units of the coordinate.
-
-    ``size`` is positive and ``rate`` (a sample) is along the jump; ``error`` is the standard error of the
-    size, ``rate_change`` the mismatch of the rates, ``span`` the range of the motion around.
-    """
+    """A mismatch of position across the border before sample ``at``, in units of the coordinate."""
 
     at: int
     coordinate: int
-    size: float
-    error: float
-    rate: float
-    rate_change: float
-    span: float
+    size: float  # positive
+    error: float  # standard error of the size
+    rate: float  # a sample, along the jump
+    rate_change: float  # mismatch of the rates
+    span: float  # range of the motion around
 
 
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:

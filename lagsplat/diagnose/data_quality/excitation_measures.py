@@ -13,45 +13,34 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class InputMeasures:
-    """Measures of one input.
-
-    ``low`` and ``high`` bound nine tenths of its power, over the natural frequency; ``small_share`` is the
-    share of samples within a fifth of its largest value; ``levels`` counts the distinct sizes at which it
-    reversed; ``steps`` counts sudden changes, ``reversals`` changes of direction.
-    """
+    """Measures of one input."""
 
     name: str
     moves: bool
     crosses_zero: bool
-    small_share: float
-    levels: int
-    low: float
-    high: float
-    steps: int
-    reversals: int
+    small_share: float  # of samples within a fifth of the largest value
+    levels: int  # distinct sizes at which it reversed
+    low: float  # lower bound of nine tenths of its power, over the natural frequency
+    high: float  # upper bound of the same
+    steps: int  # sudden changes
+    reversals: int  # changes of direction
 
 
 @dataclass(frozen=True)
 class ExcitationMeasures:
-    """Measures of a whole recording; of several coordinates, those of the best one.
-
-    ``amplitude_ratio`` compares large with small swings, ``speed_ratio`` the durations of slow with fast
-    half-swings; ``slow_share`` is the share of samples below `EXCITATION.slow_rate_share` of the rms rate;
-    ``rest_periods`` the longest rest; ``holds`` counts rests at distinct positions; ``step_over_noise`` is
-    the motion between two samples over the noise.
-    """
+    """Measures of a whole recording; of several coordinates, those of the best one."""
 
     period_s: float
     periods: float
     clips: int
-    amplitude_ratio: float
-    speed_ratio: float
+    amplitude_ratio: float  # of large to small swings
+    speed_ratio: float  # of the durations of slow to fast half-swings
     reversals: int
-    slow_share: float
-    rest_periods: float
-    holds: int
+    slow_share: float  # of samples below `EXCITATION.slow_rate_share` of the rms rate
+    rest_periods: float  # longest rest
+    holds: int  # rests at distinct positions
     swing_over_noise: float
-    step_over_noise: float
+    step_over_noise: float  # motion between two samples over the noise
     samples_per_period: float
     inputs: tuple[InputMeasures, ...]
 

@@ -19,15 +19,12 @@ CHUNK_SAMPLES = 4096  # samples fitted at once, which bounds memory
 
 @dataclass(frozen=True)
 class LocalFit:
-    """Smoothed coordinates, their rates [1/s] and accelerations [1/s^2] at every sample.
-
-    ``rate_gain`` is the standard deviation of a rate per standard deviation of white noise [1/s].
-    """
+    """Smoothed coordinates, their rates [1/s] and accelerations [1/s^2] at every sample."""
 
     q: Float64[np.ndarray, "T d"]
     v: Float64[np.ndarray, "T d"]
     a: Float64[np.ndarray, "T d"]
-    rate_gain: Float64[np.ndarray, " T"]
+    rate_gain: Float64[np.ndarray, " T"]  # standard deviation of a rate over that of white noise [1/s]
 
 
 def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
@@ -148,15 +145,11 @@ def estimate_noise_level(
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """Noise of each coordinate's measurement.
+    """Noise of each coordinate's measurement."""
 
-    ``sigma`` is its standard deviation [the coordinate's unit], ``correlation`` that of neighbouring errors,
-    and ``step`` the quantisation step [the coordinate's unit], 0 where there is none.
-    """
-
-    sigma: Float64[np.ndarray, " d"]
-    correlation: Float64[np.ndarray, " d"]
-    step: Float64[np.ndarray, " d"]
+    sigma: Float64[np.ndarray, " d"]  # standard deviation [the coordinate's unit]
+    correlation: Float64[np.ndarray, " d"]  # of neighbouring errors
+    step: Float64[np.ndarray, " d"]  # of quantisation [the coordinate's unit], 0 where there is none
 
     @property
     def known_sigma(self) -> Float64[np.ndarray, " d"]:

@@ -19,32 +19,23 @@ FORCE_LAWS = ("constant", "drag")
 
 @dataclass(frozen=True)
 class ExcessError:
-    """Where simulated images are worse than decoded ones.
+    """Where simulated images are worse than decoded ones."""
 
-    ``map`` (H, W) is the squared error beyond that of decoding; ``parts`` are regions of connected pixels as
-    (left, top, right, bottom, share), the largest share first.
-    """
-
-    map: np.ndarray
+    map: np.ndarray  # (H, W) squared error beyond that of decoding
     parts: tuple[tuple[int, int, int, int, float], ...]
+    """Regions of connected pixels as (left, top, right, bottom, share), the largest share first."""
 
 
 @dataclass(frozen=True)
 class ForceLocalization:
-    """How well a force on each of P points explains the residual.
+    """How well a force on each of P points explains the residual."""
 
-    ``explained`` (P,) is the share by the best law of each point and ``law`` (P,) its name. ``localisable``
-    is False where the kinematics cannot distinguish points, and then ``point`` is None; else ``point`` is the
-    best, ``near`` all that explain as much, and ``forces`` (n, T, 2) the force on each of these, in units of
-    the coordinates' forces per pixel.
-    """
-
-    explained: np.ndarray
-    law: tuple[str, ...]
-    localisable: bool
-    point: int | None
-    near: tuple[int, ...]
-    forces: np.ndarray
+    explained: np.ndarray  # (P,) share by the best law of each point
+    law: tuple[str, ...]  # (P,) its name
+    localisable: bool  # False where the kinematics cannot distinguish points
+    point: int | None  # the best; None where nothing is localisable
+    near: tuple[int, ...]  # all n that explain as much
+    forces: np.ndarray  # (n, T, 2) on these, in units of the coordinates' forces per pixel
 
     @property
     def force(self) -> np.ndarray | None:

@@ -45,14 +45,10 @@ def compute_decoding_errors(
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """Points of the moving body.
+    """Points of the moving body."""
 
-    ``rest`` (P, 2) [pixel, x to the right and y down] are their positions at the latents' mean, and
-    ``jacobian`` (P, d, 2) the pixels by which each whitened latent moves them.
-    """
-
-    rest: np.ndarray
-    jacobian: np.ndarray
+    rest: np.ndarray  # (P, 2) positions at the latents' mean [pixel, x to the right and y down]
+    jacobian: np.ndarray  # (P, d, 2) pixels by which each whitened latent moves them
 
     def at(self, q: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, "T P 2"]:
         """Positions of the points at whitened latents [pixel]."""

@@ -26,16 +26,11 @@ from lagsplat.video_quality.frames import make_small_grey
 
 @dataclass(frozen=True)
 class CameraShift:
-    """How far the camera moved [pixel of a frame].
+    """How far the camera moved [pixel of a frame]; None where no background shows it."""
 
-    ``within_px`` is the rms during the recording, ``between_px`` (x, y) the shift from the recording the
-    simulator was fitted to, to this one; None where the image has no background to measure it by. ``share``
-    is the change of a latent that the larger of both causes, over its standard deviation.
-    """
-
-    within_px: float | None
-    between_px: tuple[float, float] | None
-    share: float
+    within_px: float | None  # rms during the recording
+    between_px: tuple[float, float] | None  # (x, y) since the recording that the simulator was fitted to
+    share: float  # change of a latent that the larger of both causes, over its standard deviation
 
     @property
     def still_within(self) -> bool:

@@ -29,20 +29,14 @@ class SpectralLine:
 
 @dataclass(frozen=True)
 class ResidualSpectrum:
-    """Spectra of the residual.
+    """Spectra of the residual."""
 
-    ``frequency_hz`` (F,); ``power`` (F, d) of the residual over its coordinate's rms acceleration [1/Hz],
-    zero where no force was kept; ``coherence`` (F, d, m) squared with each of ``names`` (inputs, then
-    velocities) and ``significant``, the value that noise exceeds in 1 of 100; ``bands`` of (low [Hz], high
-    [Hz], share of the power); ``lines``.
-    """
-
-    frequency_hz: np.ndarray
-    power: np.ndarray
-    coherence: np.ndarray
-    names: tuple[str, ...]
-    significant: float
-    bands: tuple[tuple[float, float, float], ...]
+    frequency_hz: np.ndarray  # (F,)
+    power: np.ndarray  # (F, d) over the coordinate's rms acceleration [1/Hz]; zero where no force was kept
+    coherence: np.ndarray  # (F, d, m) squared, with each of `names`
+    names: tuple[str, ...]  # of the inputs, then of the velocities
+    significant: float  # coherence that noise exceeds in 1 of 100
+    bands: tuple[tuple[float, float, float], ...]  # low [Hz], high [Hz], share of the power
     lines: tuple[SpectralLine, ...]
 
 

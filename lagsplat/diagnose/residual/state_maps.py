@@ -19,34 +19,25 @@ from lagsplat.diagnose.residual.latent_force import (
 
 @dataclass(frozen=True)
 class StateRegion:
-    """A connected set of bins of one coordinate in which the residual keeps its sign.
-
-    ``position`` and ``velocity`` (low, high) bound it (velocity is None for a profile over position alone);
-    ``mean`` is the residual acceleration inside, ``share`` the part of the coordinate's residual inside, and
-    ``p`` the chance of a cluster of as large a score in any map if blocks had random signs.
-    """
+    """A connected set of bins of one coordinate in which the residual keeps its sign."""
 
     coordinate: int
-    position: tuple[float, float]
-    velocity: tuple[float, float] | None
-    mean: float
-    share: float
-    p: float
+    position: tuple[float, float]  # low, high
+    velocity: tuple[float, float] | None  # low, high; None for a profile over position alone
+    mean: float  # residual acceleration inside
+    share: float  # of the coordinate's residual inside
+    p: float  # chance of a cluster of as large a score in any map if blocks had random signs
 
 
 @dataclass(frozen=True)
 class StateMap:
-    """Mean residual acceleration of one coordinate over bins; NaN where fewer than two blocks went.
-
-    ``mean`` and ``score`` (in standard errors) are (positions, velocities) between ``position_edges`` and
-    ``velocity_edges``; a profile has one velocity bin.
-    """
+    """Mean residual acceleration of one coordinate over bins; a profile has one velocity bin."""
 
     coordinate: int
     position_edges: np.ndarray
     velocity_edges: np.ndarray
-    mean: np.ndarray
-    score: np.ndarray
+    mean: np.ndarray  # (positions, velocities); NaN where fewer than two blocks went
+    score: np.ndarray  # the same in standard errors; zero there
 
 
 def find_state_regions(

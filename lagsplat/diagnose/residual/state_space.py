@@ -116,7 +116,7 @@ def compute_force_evidence(
 
 
 def smooth_path(record: SmootherData, steps: LinearSteps, variances: ForceVariances) -> SmoothedPath:
-    """Smooth the path and the latent force under given variances, whose likelihood is computed anew."""
+    """Smooth the path and the latent force under given variances."""
     model = _build_model(record, steps, variances.length_s)
     filtered = model.forward(variances.values)
     mean, covariance, _ = model.backward(filtered, moments=True)
@@ -124,7 +124,7 @@ def smooth_path(record: SmootherData, steps: LinearSteps, variances: ForceVarian
     pick = slice(2 * record.d, 3 * record.d)
     units = model.units[pick]
     covariance = covariance[:, pick, pick] * units[:, None] * units
-    return SmoothedPath(q, v, force, rate, covariance, replace(variances, log_likelihood=filtered[-1]))
+    return SmoothedPath(q, v, force, rate, covariance, variances)
 
 
 @dataclass(frozen=True)
