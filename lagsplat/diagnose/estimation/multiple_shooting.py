@@ -41,10 +41,10 @@ class ShootingData:
     start_step: Float64[np.ndarray, " s"]  # steps of finite differences of the initial state, (2 d,)
 
 
-LinearizationFunction = Callable[
-    [np.ndarray, np.ndarray, ShootingData], tuple[np.ndarray, np.ndarray, np.ndarray]
-]
-"""Computes from parameters, initial states and data what `differentiate_predictions` returns."""
+Linearization = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Weighted residual (W, L, d), its prediction's derivatives by parameters (W, M, k) and starts (W, M, s)."""
+LinearizationFunction = Callable[[np.ndarray, np.ndarray, ShootingData], Linearization]
+"""Linearises about parameters and initial states."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ def differentiate_predictions(
     step: Float64[np.ndarray, " k"],
     *,
     leading: int | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weighted residual (W, L, d), its prediction's derivatives by parameters (W, M, k) and starts (W, M, s).
+) -> Linearization:
+    """Linearise ``predict`` by finite differences about parameters and initial states.
 
     With ``leading``, derivatives are by so many of the first parameters alone, and by no start.
     ``step`` are the steps of the finite differences.
@@ -158,7 +158,7 @@ def fit_multiple_shooting(
     """
     n_leading = len(x) if known is None else len(x) - known[0].shape[2]
 
-    def linearize(x: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearize(x: np.ndarray, starts: np.ndarray) -> Linearization:
         if exact:
             return exact(x, starts, data)
         return differentiate_predictions(predict, x, starts, data, prior.step)
@@ -207,7 +207,7 @@ def _step(
     starts: np.ndarray,
     data: ShootingData,
     prior: GaussianPrior,
-    linear: tuple[np.ndarray, np.ndarray, np.ndarray],
+    linear: Linearization,
     cost: float,
     damping: float,
 ) -> tuple[np.ndarray, np.ndarray, float, float, float] | None:

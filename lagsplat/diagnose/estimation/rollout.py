@@ -17,7 +17,7 @@ from lagsplat.diagnose.effects.base import (
     PlacedEffect,
 )
 from lagsplat.diagnose.estimation.dataset import Dataset, InputSignal, WindowSet, build_input_signals
-from lagsplat.diagnose.estimation.multiple_shooting import ShootingData
+from lagsplat.diagnose.estimation.multiple_shooting import Linearization, ShootingData
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
@@ -255,9 +255,7 @@ class ParameterSensitivity:
         padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
         return self.rollout_model.roll_out((), padded, starts, self.windows)[0]
 
-    def derivatives(
-        self, x: np.ndarray, starts: np.ndarray, data: ShootingData
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def derivatives(self, x: np.ndarray, starts: np.ndarray, data: ShootingData) -> Linearization:
         """As `differentiate_predictions` of multiple shooting, but exact, by the variational equations."""
         model, windows = shift_coefficients(self.model, x @ self.moves), self.windows
         n = self.columns.moves.shape[1]

@@ -202,7 +202,8 @@ def derive_recording_settings(
     Raises:
         ValueError: a log, while the run was not fitted to one.
     """
-    meta, from_images = own.meta, source.kind != "krauss"
+    from_images = source.kind != "krauss"
+    meta = own.meta if from_images else {}
     settings = _read_fitted_settings(folder)
     return RecordingConfig(
         kind=source.kind,
@@ -211,10 +212,10 @@ def derive_recording_settings(
         member=None,
         dt_s=_derive_spacing(source, settings, dt_s),
         n_inputs=0 if from_images else own.inputs.shape[1],
-        rotate=int(meta.get("rotate", 0)) if from_images else 0,
+        rotate=int(meta.get("rotate", 0)),
         stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
-        grey=bool(meta.get("grey", False)) if from_images else False,
-        crop=meta.get("crop") if from_images else None,
+        grey=bool(meta.get("grey", False)),
+        crop=meta.get("crop"),
         skip_s=0.0,
         end_s=None,
         spans_s=None,

@@ -46,12 +46,9 @@ def assess_perception(
 ) -> PerceptionQuality:
     """Compare image errors and latents with those of the recording that the simulator was fitted to.
 
-    The nominal cloud of latents is fitted robustly; a frame is outside if it is farther from its middle than
-    all but 1 in 1000 of the nominal ones.
-
-    Args:
-        error_real, error_nominal: mean squared error of each frame, decoded from its own latents.
-        latents_real, latents_nominal: latents of the frames.
+    The errors are mean squares of frames that are decoded from their own latents. The nominal cloud of
+    latents is fitted robustly; a frame is outside if it is farther from its middle than all but 1 in 1000 of
+    the nominal ones.
 
     Raises:
         ValueError: a nominal error of zero on average, against which nothing has a ratio.

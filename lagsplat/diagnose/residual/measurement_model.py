@@ -75,10 +75,8 @@ def _compute_apparent_columns(
         for j in range(mechanics.d):
             unit = np.arange(mechanics.d) == j
             eps = DIFFERENCE_STEP * np.std(q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
-            up, down = (
-                mechanics.acceleration(q + sign * eps * e * unit, v + sign * eps * rate * unit, u)
-                for sign in (1.0, -1.0)
-            )
+            dq, dv = eps * e * unit, eps * rate * unit
+            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, u) for s in (1.0, -1.0))
             lacking = bend * unit - (up - down) / (2.0 * eps)
             force = np.einsum("nab,nb->na", mechanics.mass_at(q), lacking)
             columns.append(force / compute_rest_inertia(mechanics))
