@@ -77,10 +77,8 @@ def fit_deformation_field(
     """Fit a decoder of one kind to the training frames at their frozen raw latents.
 
     Both kinds start from the same planar Gaussians and use the same losses, batches, optimiser and step
-    sizes; only the effect of the latent on the Gaussians differs. Neither recycles Gaussians.
-
-    ``latents`` are raw; ``config`` holds the deformation network and the schedule, ``stage1`` losses, step
-    sizes and initialisation. A network gets the step size of the encoder.
+    sizes, those of ``stage1``; only the effect of the latent on the Gaussians differs. Neither recycles
+    Gaussians. A network gets the step size of the encoder.
 
     Raises:
         FloatingPointError: the loss is no longer finite.
@@ -106,10 +104,8 @@ def fit_deformation_field(
             losses.append(float(loss.detach()))
             bar.update()
             if not np.isfinite(losses[-1]):
-                raise FloatingPointError(
-                    f"the {kind} decoder lost its footing at step {step}: the loss is {losses[-1]}. Lower "
-                    "stage1.rate.*"
-                )
+                what = f"the {kind} decoder lost its footing at step {step}: the loss is {losses[-1]}"
+                raise FloatingPointError(f"{what}. Lower stage1.rate.*")
     last = float(np.mean(losses[-max(1, len(losses) // 10) :]))
     return field.eval(), DeformationFitReport(time.monotonic() - begin, last)
 
@@ -131,11 +127,9 @@ def start_deformation_field(
     planar = Gaussians(n, d)
     reference = np.asarray(frames[0]) / 255.0
     place_gaussians(planar, reference, latents, stage1.init, np.random.default_rng(seed))
-    with torch.no_grad():
-        mine = dict(field.gaussians.named_parameters())
-        for name, value in planar.named_parameters():
-            if name in mine:
-                mine[name].copy_(value)
+    own = field.gaussians.state_dict()
+    shared = {name: value for name, value in planar.state_dict().items() if name in own}
+    field.gaussians.load_state_dict({**own, **shared})
     if isinstance(field.gaussians, DeformedGaussians):
         field.gaussians.latent_mean.copy_(torch.as_tensor(latents.mean(axis=0)))
         field.gaussians.latent_spread.copy_(torch.as_tensor(np.maximum(latents.std(axis=0), 1e-6)))

@@ -124,23 +124,23 @@ def teleport_gaussians(
     error = (autoencoder.decode(latents, view=view) - images).abs().mean(1)
     weight = error.flatten().double().cpu().numpy() + 1e-12
     where = rng.choice(len(weight), len(slots), p=weight / weight.sum())
-    frame, row, column = np.unravel_index(where, error.shape)
-    frame_t, row_t, column_t = (torch.as_tensor(axis, device=slots.device) for axis in (frame, row, column))
-    pixels = torch.stack((column_t, row_t), 1).float() + 0.5
+    places = np.unravel_index(where, error.shape)
+    frame, row, column = (torch.as_tensor(axis, device=slots.device) for axis in places)
+    pixels = torch.stack((column, row), 1).float() + 0.5
     if gaussians.space == 3:
         parts = view or autoencoder.filmed_view(latents)
         view = View(*(part.expand(len(latents), *part.shape[1:]) for part in parts))
-        depth = render_depth(autoencoder, latents, view)[frame_t, row_t, column_t]
-        pixels = view.of(frame_t).unproject(pixels, depth)
+        depth = render_depth(autoencoder, latents, view)[frame, row, column]
+        pixels = view.of(frame).unproject(pixels, depth)
     gaussians.center[slots] = pixels
-    gaussians.latent_center[slots] = latents[frame_t]
+    gaussians.latent_center[slots] = latents[frame]
     gaussians.precision_log_diagonal[slots] = -(NEWBORN_REACH * latents.std(0).clamp_min(1e-3)).log()
     gaussians.precision_below[slots] = 0
     gaussians.coupling[slots] = 0
     gaussians.shape_log_diagonal[slots] = math.log(NEWBORN_SIGMA_PX)
     gaussians.shape_below[slots] = 0
     gaussians.opacity_logit[slots] = math.log(NEWBORN_OPACITY / (1 - NEWBORN_OPACITY))
-    gaussians.color_logit[slots] = images[frame_t, :, row_t, column_t].clamp(0.01, 0.99).logit()
+    gaussians.color_logit[slots] = images[frame, :, row, column].clamp(0.01, 0.99).logit()
 
 
 def renumber_gaussians(

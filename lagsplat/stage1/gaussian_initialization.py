@@ -13,6 +13,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage1.config import InitConfig, Stage1Config
 from lagsplat.stage1.encoder import initialize_encoder
 from lagsplat.stage1.training_data import TrainingFrames
+from lagsplat.views.novel import NovelViews
 
 SAMPLE = 1024  # frames whose encodings set the latent scale
 FLAT_SHARE = 0.2  # probability spread over all pixels; those of interest share the rest
@@ -45,32 +46,30 @@ def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed:
     stored, known = footage.stored.cpu().numpy(), footage.latents
     latents = encode_frames(autoencoder, stored[picked]) if known is None else known.double().cpu().numpy()
     place_gaussians(autoencoder.gaussians, stored[0] / 255.0, latents, config.init, rng)
-    if footage.novel is not None:
-        lift_to_depth(autoencoder.gaussians, footage, rng)
+    if footage.novel is not None and footage.supervision is not None:
+        lift_to_depth(autoencoder.gaussians, footage, footage.novel, footage.supervision.spread, rng)
     return autoencoder
 
 
 @torch.no_grad()
-def lift_to_depth(gaussians: Gaussians, footage: TrainingFrames, rng: np.random.Generator) -> None:
+def lift_to_depth(
+    gaussians: Gaussians, footage: TrainingFrames, novel: NovelViews, spread: float, rng: np.random.Generator
+) -> None:
     """Scatter Gaussians of space, in place, over the images of the first instant from all cameras.
 
-    Each lies on the ray of a pixel of one camera, near the pivot's depth there, and has the pixel's colour;
-    its size grows with its depth.
+    Each lies on the ray of a pixel of one camera, within a share ``spread`` of the pivot's depth there, and
+    has the pixel's colour; its size grows with its depth.
     """
-    novel, supervision = footage.novel, footage.supervision
-    assert novel is not None, "Gaussians of space come with novel views"
-    assert supervision is not None, "novel views come with what they teach"
     space = novel.space
     pictures = [footage.stored[0].cpu().numpy(), *(novel.images[0, i] for i in novel.seen)]
     cameras = [space.seen_by(space.reference), *(footage.cameras[i] for i in novel.seen)]
     pivot = space.inside(space.pivot[None])
-    for part, picture, camera in zip(
-        np.array_split(rng.permutation(gaussians.n), len(pictures)), pictures, cameras, strict=True
-    ):
+    parts = np.array_split(rng.permutation(gaussians.n), len(pictures))
+    for part, picture, camera in zip(parts, pictures, cameras, strict=True):
         picture = picture / 255.0
         pixels, colors = scatter_points(picture, measure_edges(picture), len(part), rng)
         middle = float(camera.within(pivot)[0, 2])
-        depth = middle * (1 + supervision.spread * rng.uniform(-1, 1, len(part)))
+        depth = middle * (1 + spread * rng.uniform(-1, 1, len(part)))
         view = make_view([camera] * len(part))
         rows = torch.as_tensor(part)
         at = [torch.as_tensor(values, dtype=torch.float32) for values in (pixels, depth)]
