@@ -97,12 +97,13 @@ def fit_dynamics(
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
-    lagrangian = fit.start(torch.from_numpy(rest), geometry)
-    fit.score_candidate(lagrangian, "start", 0, float("nan"))
+    fit.start(torch.from_numpy(rest), geometry)
+    lagrangian = fit.lagrangian
+    fit.score_candidate("start", 0, float("nan"))
     report.scores["start"] = best.score
-    fit.train_on_steps(lagrangian)
+    fit.train_on_steps()
     report.scores["one_step"] = best.score
-    fit.train_on_rollouts(lagrangian)
+    fit.train_on_rollouts()
     report.scores["shooting"] = best.score
     best.restore(lagrangian)
     report.rejected = best.rejected
@@ -248,11 +249,13 @@ SHORTENED_LEGS = (2, 1)
 
 
 class DynamicsFit:
-    """A fit in progress: its data, the best candidate so far and the report; the stages are its methods.
+    """A fit in progress: its data, the law, the best candidate so far and the report; its stages are methods.
 
     Raises:
         ValueError: segments too short for a window, or latents that do not move.
     """
+
+    lagrangian: Lagrangian  # made by `start`
 
     def __init__(
         self,
@@ -276,16 +279,16 @@ class DynamicsFit:
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
 
-    def score_candidate(self, lagrangian: Lagrangian, stage: str, step: int, loss: float) -> None:
-        """Score a candidate, keep it if it is the best, and add it to the training curve."""
-        score = self.validation.score(lagrangian)
-        self.best.consider(lagrangian, score)
+    def score_candidate(self, stage: str, step: int, loss: float) -> None:
+        """Score the law as it is, keep it if it is the best, and add it to the training curve."""
+        score = self.validation.score(self.lagrangian)
+        self.best.consider(self.lagrangian, score)
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
         self.on_candidate(row)
 
-    def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> Lagrangian:
-        """Make a Lagrangian with fitted or isotropic constant parts and networks that are zero."""
+    def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
+        """Make the Lagrangian, with fitted or isotropic constant parts and networks that are zero."""
         config, floor, inputs = self.config, self.config.floor, self.trajectory.inputs
         mass, scale = None, 1.0
         if config.form.mass == "induced" and geometry is not None:
@@ -307,7 +310,7 @@ class DynamicsFit:
             if config.start.shooting_iterations:
                 self._shoot_constant(fit)
             start, floors = fit.result()
-        return Lagrangian(
+        self.lagrangian = Lagrangian(
             start,
             form=config.form,
             floors=floors,
@@ -333,7 +336,7 @@ class DynamicsFit:
             fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
             fit.minimize(error, iterations=config.start.shooting_iterations)
 
-    def train_on_steps(self, lagrangian: Lagrangian) -> None:
+    def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
         config, steps = self.config, round(self.config.effort * self.config.steps)
         if not steps:
@@ -343,11 +346,11 @@ class DynamicsFit:
         def loss() -> Tensor:
             picked = windows.pick(torch.from_numpy(self.rng.integers(0, len(windows), config.batch)))
             weight = config.velocity_weight
-            return objective.one_step_error(lagrangian, picked, self.metric, velocity_weight=weight)
+            return objective.one_step_error(self.lagrangian, picked, self.metric, velocity_weight=weight)
 
-        self._descend(lagrangian, loss, "one_step", steps, config.lr, config.select.every)
+        self._descend(loss, "one_step", steps, config.lr, config.select.every)
 
-    def train_on_rollouts(self, lagrangian: Lagrangian) -> None:
+    def train_on_rollouts(self) -> None:
         """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
 
         The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of
@@ -356,23 +359,23 @@ class DynamicsFit:
         shoot, total = self.config.shoot, round(self.config.effort * self.config.shoot.steps)
         if not total:
             return
-        self.best.restore(lagrangian)
-        self.anchor = objective.anchor_law(lagrangian, self.trajectory) if shoot.anchor else None
+        self.best.restore(self.lagrangian)
+        self.anchor = objective.anchor_law(self.lagrangian, self.trajectory) if shoot.anchor else None
         for leg, shortened in enumerate(SHORTENED_LEGS):
             n_states = self._horizon(shoot.periods / shortened)
             starts = list_starts(self.trajectory, before=2, after=n_states)
             batch = shoot.batch * shortened
-            loss = partial(self._rollout_loss, lagrangian, starts, batch, n_states)
+            loss = partial(self._rollout_loss, starts, batch, n_states)
             steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
             if steps:
-                self._descend(lagrangian, loss, "shooting", steps, shoot.lr, max(1, steps // 10))
+                self._descend(loss, "shooting", steps, shoot.lr, max(1, steps // 10))
 
-    def _rollout_loss(self, lagrangian: Lagrangian, starts: np.ndarray, batch: int, n_states: int) -> Tensor:
+    def _rollout_loss(self, starts: np.ndarray, batch: int, n_states: int) -> Tensor:
         targets = self._cut_targets(self.rng.choice(starts, batch), n_states)
-        error = objective.shooting_error(lagrangian, targets, self.metric)
+        error = objective.shooting_error(self.lagrangian, targets, self.metric)
         if self.anchor is None:
             return error
-        penalty = self.anchor.penalty(lagrangian, self.metric, self.rng)
+        penalty = self.anchor.penalty(self.lagrangian, self.metric, self.rng)
         return objective.anchored_error(error, penalty, weight=self.config.shoot.anchor)
 
     def _cut_windows(self) -> ShootingWindows:
@@ -386,16 +389,8 @@ class DynamicsFit:
         longest = max(b - a for a, b in self.trajectory.segments)
         return max(4, min(round(periods * self.period_frames) + 1, longest - 4))
 
-    def _descend(
-        self,
-        lagrangian: Lagrangian,
-        loss: Callable[[], Tensor],
-        stage: str,
-        steps: int,
-        lr: float,
-        every: int,
-    ) -> None:
-        config = self.config
+    def _descend(self, loss: Callable[[], Tensor], stage: str, steps: int, lr: float, every: int) -> None:
+        config, lagrangian = self.config, self.lagrangian
         parameters = [p for p in lagrangian.parameters() if p.requires_grad]
         rollback = StepRollback(parameters)
         optimizer = torch.optim.Adam(_group_parameters(lagrangian, lr), fused=True)
@@ -417,7 +412,7 @@ class DynamicsFit:
             else:
                 optimizer.state.clear()
             if (i + 1) % every == 0 or i + 1 == steps:
-                self.score_candidate(lagrangian, stage, i + 1, float(value.detach()))
+                self.score_candidate(stage, i + 1, float(value.detach()))
         self.report.taken_back += rollback.rollbacks
 
 

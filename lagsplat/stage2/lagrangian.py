@@ -122,9 +122,10 @@ class Lagrangian(nn.Module):
         signed = signed or (start.input_stiffness is not None and start.input_stiffness.input_range.signed)
         self.signed = signed and form.actuation != "linear" and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
+        width = form.matrix_width
         self.mass_term: MatrixField | ConstantMatrix | InducedMass
         if form.mass != "induced":
-            self.mass_term = _make_matrix(form.mass, start.mass, floors.mass, form.matrix_width, generator)
+            self.mass_term = _make_matrix(form.mass, start.mass, floors.mass, width, generator)
         elif geometry is not None:
             self.mass_term = InducedMass(geometry, scale=mass_scale, floor=floors.mass)
         else:
@@ -132,9 +133,7 @@ class Lagrangian(nn.Module):
                 "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
                 "or choose 'learned' or 'constant'"
             )
-        self.damping_term = _make_matrix(
-            form.damping, start.damping, floors.damping, form.matrix_width, generator
-        )
+        self.damping_term = _make_matrix(form.damping, start.damping, floors.damping, width, generator)
         self.curvature: InputStiffnessPrior | None = None
         stiffness = start.stiffness
         if start.input_stiffness is not None and form.actuation != "linear":
