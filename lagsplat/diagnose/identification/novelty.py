@@ -74,7 +74,8 @@ def drop_outlier_windows(
     if not identified.misfit > NOVELTY.poor_misfit or n < NOVELTY.min_windows:
         attempts = 0
     for _ in range(attempts):
-        misfits = compute_window_misfits(best)
+        windows_of_fit = zip(best.fit.residual, best.windows.length, strict=True)
+        misfits = [float((residual[:length] ** 2).mean()) for residual, length in windows_of_fit]
         worst = int(np.argmax(misfits))
         if best.misfit < NOVELTY.good_misfit or misfits[worst] < NOVELTY.outlier_ratio * np.median(misfits):
             break
@@ -83,9 +84,3 @@ def drop_outlier_windows(
     if best.misfit < NOVELTY.max_remaining_share * identified.misfit:
         return best, windows.select(np.setdiff1d(np.arange(n), kept))
     return identified, windows.select(np.zeros(0, dtype=np.int64))
-
-
-def compute_window_misfits(identified: IdentifiedModel) -> Float64[np.ndarray, " W"]:
-    """Mean square residual of every window, in units of the noise."""
-    windows = zip(identified.fit.residual, identified.windows.length, strict=True)
-    return np.array([float((residual[:n] ** 2).mean()) for residual, n in windows])

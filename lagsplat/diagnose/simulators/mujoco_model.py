@@ -65,9 +65,9 @@ def load_mujoco(
     straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joint_names = [model.joint(i).name for i in range(model.njnt)]
     actuator_names = [model.actuator(i).name for i in range(model.nu)]
-    index = [i for i in range(model.njnt) if model.jnt_type[i] in straight]
-    if joints is not None:
-        index = _find_indices(path, "joint", joints, joint_names)
+    index = _find_indices(path, "joint", joints, joint_names)
+    if joints is None:
+        index = [i for i in index if model.jnt_type[i] in straight]
     for i in index:
         if model.jnt_type[i] not in straight:
             raise ValueError(
@@ -75,9 +75,7 @@ def load_mujoco(
             )
     if not index:
         raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
-    driven = list(range(model.nu))
-    if actuators is not None:
-        driven = _find_indices(path, "actuator", actuators, actuator_names)
+    driven = _find_indices(path, "actuator", actuators, actuator_names)
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -189,13 +187,16 @@ def _list_test_commands(model: Any, index: np.ndarray) -> list[float]:
     return commands
 
 
-def _find_indices(path: Path, what: str, wanted: Sequence[str], names: Sequence[str]) -> list[int]:
+def _find_indices(path: Path, what: str, wanted: Sequence[str] | None, names: list[str]) -> list[int]:
+    """The places of the ``wanted`` names, by default of all."""
+    if wanted is None:
+        return list(range(len(names)))
     for name in wanted:
         if name not in names:
-            raise ValueError(f"{path}: no {what} {name!r}, only {list(names)}")
+            raise ValueError(f"{path}: no {what} {name!r}, only {names}")
     if len(set(wanted)) != len(wanted):
         raise ValueError(f"{path}: {what}s {list(wanted)} name one twice")
-    return [list(names).index(name) for name in wanted]
+    return [names.index(name) for name in wanted]
 
 
 def _warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:

@@ -1,10 +1,9 @@
 """Render simulated systems: a shaded soft arm before a board, and flat bodies before a photograph.
 
-Each sample of an arm's pixel is mapped to the material coordinates of each part (arc length ``s``, lateral
-offset ``n``), so shading follows the deformation exactly. A part's edge is a linear ramp one sample wide, so
-the image is continuous in the state at any resolution. Lengths in metres; the clamp is at the middle of the
-upper edge. A rigid body is a sprite on a plane parallel to the plane of motion, or a stack of them if it has
-a thickness, rendered back to front, so that a camera from the side sees its flank.
+Each sample of an arm's pixel is mapped to arc length ``s`` and lateral offset ``n`` [m] of each part, so that
+shading follows the deformation. A part's edge is a linear ramp one sample wide, so that the image is
+continuous in the state at any resolution. A rigid body is a sprite parallel to the plane of motion, or, if it
+is thick, a stack of them from back to front, so that a camera from the side sees its flank.
 """
 
 from dataclasses import dataclass
