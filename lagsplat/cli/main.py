@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-INVALID = 2
 EXIT_CODES = """exit codes:
   0  done; for diagnose, whatever the verdict
   2  the command or its input is invalid; the reason is on stderr"""
@@ -165,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         getattr(verbs, verb)(given)
     except (ValueError, OSError) as error:
         print(f"lagsplat {verb}: {error}", file=sys.stderr)
-        return INVALID
+        return 2
     except SystemExit as done:  # argparse has printed help or the version
         return int(done.code or 0)
     return 0
@@ -215,9 +214,8 @@ def verb_parser(name: str, parser: argparse.ArgumentParser | None = None) -> arg
     width = max(len(key) for key, _ in verb.keys) + 2
     keys = "\n".join(f"  {key:<{width}}{text}" for key, text in verb.keys)
     parser.epilog = f"keys:\n{keys}\n\nexample:\n  {verb.example}\n\n{EXIT_CODES}"
-    words: Any = parser.add_argument(
-        "words", nargs="*", metavar="WORD", help="FILE, FOLDER or key=value; see keys"
-    )
+    text = "FILE, FOLDER or key=value; see keys"
+    words: Any = parser.add_argument("words", nargs="*", metavar="WORD", help=text)
     words.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     for flag, text in verb.flags:
         parser.add_argument(flag, action="store_true", help=text)
@@ -244,9 +242,8 @@ def _run_without_verb(words: list[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="store_true", help="print the version")
-    parser.add_argument(
-        "--print-completion", choices=("bash", "zsh", "tcsh"), help="print a completion script for this shell"
-    )
+    shells, text = ("bash", "zsh", "tcsh"), "print a completion script for this shell"
+    parser.add_argument("--print-completion", choices=shells, help=text)
     verbs = parser.add_subparsers(dest="verb", title="verbs", metavar="VERB")
     for name, verb in VERBS.items():
         verb_parser(name, verbs.add_parser(name, help=verb.summary))

@@ -146,9 +146,7 @@ def export(given: Namespace) -> None:
     folders = [word for word in given.words if "=" not in word]
     formats = [name for name in ("html", "mcap", "ply") if getattr(given, name)]
     if len(folders) != 1 or len(formats) != 1:
-        raise CommandError(
-            "name one run and the format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]"
-        )
+        raise CommandError("name one run and a format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]")
     kind, folder = formats[0], Path(folders[0])
     words = [word for word in given.words if "=" in word]
     allowed, settings = (("out", "frame", "q"), ()) if kind == "ply" else (("out",), ("",))
@@ -179,9 +177,7 @@ def weights(given: Namespace) -> None:
     from lagsplat.baselines.released import NOTICE, RUNS, fetch_weights
 
     if not given.download:
-        raise CommandError(
-            f"{NOTICE}. Nothing was fetched; add --download to fetch {len(RUNS)} files of 10 MB"
-        )
+        raise CommandError(f"{NOTICE}. Nothing was fetched; add --download for {len(RUNS)} files of 10 MB")
     folder = Path(keys.get("out", "~/.cache/lagsplat/baselines")).expanduser()
     print(NOTICE, file=sys.stderr)
     fetch_weights(folder)

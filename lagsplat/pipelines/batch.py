@@ -30,7 +30,6 @@ from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.fit import fit_autoencoder
 
 log = logging.getLogger(__name__)
-SIM, REAL = "sim_*.csv", "real_*.csv"
 
 
 def list_batch(folder: Path, number: int, size: int) -> list[Path]:
@@ -64,7 +63,7 @@ def predict_recording(place: Path, out: Path, config: DiagnoseConfig, *, without
     config = replace(config, without=[*config.without, *without])
 
     def write_diagnosis(place: Path, out: Path) -> None:
-        inputs = open_diagnosis_inputs(str(place / SIM), str(place / REAL), config)
+        inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
         diagnosis = run_diagnosis(inputs, config, report_progress=lambda name: None).diagnosis
         if diagnosis.blocks:
             save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)

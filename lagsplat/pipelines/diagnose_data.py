@@ -172,9 +172,7 @@ def to_table(data: Any) -> pd.DataFrame:
         if data.dtype.names:
             return pd.DataFrame(data)
         if data.ndim != 2 or data.shape[1] < 2:
-            raise ValueError(
-                f"an array of shape {data.shape} is no trajectory: give (T, 1 + d), its first column time [s]"
-            )
+            raise ValueError(f"an array of shape {data.shape}: give (T, 1 + d), its first column time [s]")
         data = {"t": data[:, 0], "q": data[:, 1:]}
     if not isinstance(data, Mapping):
         raise ValueError(

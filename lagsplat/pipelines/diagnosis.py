@@ -3,7 +3,7 @@
 import contextlib
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
-from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
+from lagsplat.diagnose.core.config import ERROR_BUDGET, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
@@ -28,7 +28,7 @@ from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQualit
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.files.atomic import write_text
-from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
+from lagsplat.io.trajectory.trajectory import leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
@@ -36,7 +36,6 @@ from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
-NOWHERE = "The gap cannot be located: along the real motion the sim's forces are not finite."
 MAX_NOMINAL_PERIODS = 40
 """Natural periods of the sim's own trajectories that give the floors of the error budget."""
 
@@ -69,9 +68,10 @@ def run_diagnosis(
         report_progress=report_progress,
     )
     report_progress("where")
-    suspect = image_quality is not None and image_quality.drawn_badly
-    where = _locate(inputs, run, config, suspect=suspect)
-    lost = () if where is not None else (NOWHERE,)
+    ratio = 0.0 if image_quality is None else image_quality.perception.ratio
+    where = _locate(inputs, run, config, suspect=ratio > ERROR_BUDGET.suspect_error_ratio)
+    nowhere = "The gap cannot be located: along the real motion the sim's forces are not finite."
+    lost = () if where is not None else (nowhere,)
     diagnosis = replace(
         run.diagnosis,
         where=where,
@@ -130,9 +130,8 @@ def _locate(
     """
     period_s, hold = run.diagnosis.checks["natural_period_s"], config.input_hold
     try:
-        where = locate(
-            inputs.sim.model, inputs.real, period_s=period_s, hold=hold, perception_suspect=suspect
-        )
+        model, real = inputs.sim.model, inputs.real
+        where = locate(model, real, period_s=period_s, hold=hold, perception_suspect=suspect)
     except np.linalg.LinAlgError:
         return None
     chosen = [effect.effect for effect in run.chosen.effects]
@@ -264,9 +263,8 @@ def build_augmented_simulator(inputs: DiagnosisInputs, run: DiagnosisRun) -> Aug
 def build_report_content(inputs: DiagnosisInputs, run: DiagnosisRun) -> ReportContent:
     """Content of the report beside the verdict: error budget, correlations, separability and profiles."""
     inflation, real, where = run.ranking.noise_inflation, inputs.real[0], run.diagnosis.where
-    correlations = where and compute_residual_correlations(
-        where.smoothed, q_names=real.q_names, u_names=real.u_names
-    )
+    q_names, u_names = real.q_names, real.u_names
+    correlations = where and compute_residual_correlations(where.smoothed, q_names=q_names, u_names=u_names)
     return ReportContent(
         stages=compute_error_stages(inputs, run),
         correlations=correlations,
@@ -285,7 +283,11 @@ def compute_error_stages(inputs: DiagnosisInputs, run: DiagnosisRun) -> tuple[Er
     period_s = float(run.diagnosis.checks["natural_period_s"])
     nominal = None
     if inputs.checked.sim is not None:
-        part = _first_part(inputs.checked.sim.motions, MAX_NOMINAL_PERIODS * period_s)
+        part, left_s = [], MAX_NOMINAL_PERIODS * period_s
+        for motion in inputs.checked.sim.motions:
+            if left_s > 0.0:
+                part.append(leading_samples(motion, left_s))
+                left_s -= part[-1].duration_s
         hold = "zoh" if run.problem.rollout_model.held else "linear"
         with contextlib.suppress(np.linalg.LinAlgError):  # the sim diverges even on its own trajectories
             nominal = estimate_latent_force(inputs.sim.model, part, period_s=period_s, hold=hold)
@@ -298,13 +300,3 @@ def compute_error_stages(inputs: DiagnosisInputs, run: DiagnosisRun) -> tuple[Er
         image_errors=None if quality is None else (quality.error_real, quality.error_nominal),
         block=10,
     )
-
-
-def _first_part(motions: Sequence[Trajectory], length_s: float) -> list[Trajectory]:
-    """The first trajectories that last ``length_s`` together."""
-    kept: list[Trajectory] = []
-    for motion in motions:
-        if length_s > 0.0:
-            kept.append(leading_samples(motion, length_s))
-            length_s -= kept[-1].duration_s
-    return kept

@@ -135,8 +135,8 @@ class _BlockRenderer:
             float(np.sqrt(np.mean(image_errors(images, rendered.real))))
             for images in (rendered.encoded, rendered.sim, rendered.augmented)
         )
-        errors: dict[str, Any] = {"floor": floor, "before": before, "after": after}
-        errors["closure"] = (before - after) / (before - floor) if before > 1.02 * floor else None
+        closure = (before - after) / (before - floor) if before > 1.02 * floor else None
+        errors = {"floor": floor, "before": before, "after": after, "closure": closure}
         shares = self._stages(before)
         return errors if shares is None else errors | {"stages": shares}
 

@@ -85,7 +85,8 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
             Path(models[0].path), real, columns=config.columns, longest_s=config.reference_longest_s
         )
         checked = check_data(recordings.nominal, recordings.real)
-        checked = replace(checked, findings=(*recordings.findings, *checked.findings))
+        of_videos = [finding for each in recordings.real_recordings for finding in each.findings]
+        checked = replace(checked, findings=(*of_videos, *checked.findings))
     else:  # samples of a video belong to its frames, so they are kept
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:
@@ -129,9 +130,8 @@ def _open_simulator(
         with_hold = _try_held_inputs(nominal, config, known) if config.input_hold == "linear" else None
         return (known, None) if with_hold is None else (with_hold, "zoh")
     # the projection must hold on the sim's own recordings as well: its misfit is measured there
-    ready = prepare_dataset(
-        (*checked.real.motions, *nominal), period_s=estimate_spectral_period_s(checked.real.motions)
-    )
+    period_s = estimate_spectral_period_s(checked.real.motions)
+    ready = prepare_dataset((*checked.real.motions, *nominal), period_s=period_s)
     region = sample_operating_region(ready.dataset)
     sampled = sample_simulator(models[0].path, region, joints=config.joints, actuators=config.actuators)
     given = EstimatedSimulator.exact(sampled.model)

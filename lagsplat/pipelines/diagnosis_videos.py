@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import ERROR_BUDGET, VIDEO_CHECKS
+from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
@@ -52,11 +52,6 @@ class RecordingPair:
     def real(self) -> tuple[Trajectory, ...]:
         """The real trajectories in whitened latents."""
         return tuple(recorded.motion for recorded in self.real_recordings)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings on the videos themselves."""
-        return tuple(finding for recorded in self.real_recordings for finding in recorded.findings)
 
     @cached_property
     def image_quality(self) -> "ImageQuality | None":
@@ -151,11 +146,6 @@ class ImageQuality:
     error_nominal: np.ndarray
     perception: PerceptionQuality
 
-    @property
-    def drawn_badly(self) -> bool:
-        """Whether the images differ from the run's own, and not only the states that they show."""
-        return self.perception.ratio > ERROR_BUDGET.suspect_error_ratio
-
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
@@ -188,20 +178,18 @@ def open_recording_pair(
     recorded = [_read_trajectory(folder, run, source, columns) for source in sources]
     others = tuple(each for each in recorded if each is not None)
     if not others:
-        return RecordingPair(run, nominal, (_open_holdout(run, longest_s),), same_recording=True)
+        motion = leading_samples(_read_own_part(run, held_out=True), longest_s)
+        train, held_out = run.recording.split()
+        shift = measure_camera_shift(held_out, train, run.autoencoder, run.chart)
+        findings = tuple(check_camera(shift, source=motion.source))
+        own = RecordedTrajectory(motion, held_out, shift, findings)
+        return RecordingPair(run, nominal, (own,), same_recording=True)
     if len(others) < len(recorded):
         raise ValueError(
             f"real={real}: some of these are the recording the run was fitted to, and others are not; give "
             "one kind at a time"
         )
     return RecordingPair(run, nominal, others, same_recording=False)
-
-
-def _open_holdout(run: FittedRun, longest_s: float) -> RecordedTrajectory:
-    motion = leading_samples(_read_own_part(run, held_out=True), longest_s)
-    train, holdout = run.recording.split()
-    shift = measure_camera_shift(holdout, train, run.autoencoder, run.chart)
-    return RecordedTrajectory(motion, holdout, shift, tuple(check_camera(shift, source=motion.source)))
 
 
 def _read_own_part(run: FittedRun, *, held_out: bool) -> Trajectory:

@@ -172,9 +172,7 @@ def export_ply(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " 
         raise ValueError(f"the state {q.tolist()} is not one of {chart.d} finite coordinates")
     cloud = cloud_at(autoencoder, chart.to_raw(q[None]))
     if not len(cloud.means):
-        raise ValueError(
-            f"no Gaussian is present at the state {q.tolist()}: it lies outside what the recording showed"
-        )
+        raise ValueError(f"no Gaussian is present at the state {q.tolist()}: the recording never reached it")
     write_cloud(out, cloud)
 
 
@@ -183,9 +181,8 @@ def cloud_at(autoencoder: Autoencoder, z: Float64[np.ndarray, "1 d"]) -> PlyClou
     """The Gaussians drawn at a raw latent, in units of the pivot's depth."""
     model = autoencoder.gaussians
     scene = model.condition(torch.from_numpy(z).to(model.center))
-    means, packed, opacity = (
-        part.double().cpu().numpy() for part in (scene.means[0], scene.covariance, scene.opacity[0])
-    )
+    parts = (scene.means[0], scene.covariance, scene.opacity[0])
+    means, packed, opacity = (part.double().cpu().numpy() for part in parts)
     if model.space == 3:
         unit = float(autoencoder.filmed_view(model.center).focal[0, 0])
     else:

@@ -27,9 +27,6 @@ log = logging.getLogger(__name__)
 class Job:
     """What a workflow script is given, and the frame it runs in.
 
-    Args:
-        snakemake: The object that Snakemake puts into a script.
-
     ``input``, ``output``, ``params``, ``wildcards`` and ``threads`` are Snakemake's own. ``seed`` is the last
     seed in the path, or 0.
     """

@@ -4,7 +4,6 @@ A wildcard of a path is an identity: the name of a file in ``conf/`` or a seed. 
 so that a path never holds another system's result. No torch is loaded, so that planning stays fast.
 """
 
-import hashlib
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -85,13 +84,9 @@ def read_overrides(command_line: Mapping[str, Any]) -> Overrides:
                 "put another override there"
             ) from error
         if bad := [word for word in of_key[key] if key_of(word) == "system"]:
-            raise ConfigError(
-                f"{key}: {bad[0]} has no effect here; choose systems with systems=[...] instead"
-            )
+            raise ConfigError(f"{key}: {bad[0]} has no effect here; choose systems with systems=[...]")
         if key not in known:
-            raise ConfigError(
-                f"--config {key}=...: unknown key{closest(key, known)}. Known keys: {', '.join(known)}"
-            )
+            raise ConfigError(f"--config {key}: no such key{closest(key, known)}; known: {', '.join(known)}")
     shared = of_key.pop("hydra", ())
     return Overrides(shared, {key.removeprefix("hydra_"): words for key, words in of_key.items()})
 
@@ -335,10 +330,9 @@ def lineage(overrides: Overrides, scripts: Path, stage: str, **choices: str) -> 
     experiment = compose_for(overrides, **choices)
     road = road_to(stage, experiment)
     before = list(road.values())[: list(road).index(stage)]
-    text = "\n".join(
-        f"{settings} {script_digest(next(scripts.rglob(f'{script}.py')))}" for settings, script in before
-    )
-    return hashlib.sha256(f"{experiment.recording.split} {text}".encode()).hexdigest()
+    steps = [(settings, next(scripts.rglob(f"{script}.py"))) for settings, script in before]
+    text = "\n".join(f"{settings} {script_digest(path)}" for settings, path in steps)
+    return sha256_hex(f"{experiment.recording.split} {text}".encode())
 
 
 def road_to(stage: str, experiment: Config) -> Road:

@@ -84,9 +84,8 @@ def _describe_gaps(recording: Recording) -> str:
 
 def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
     still, inputs = np.zeros((recording.n_frames, 1)), recording.inputs
-    whole = HeldOut(
-        still, still, inputs, inputs, recording.segments, metric=np.eye(1), dt_s=recording.dt_s, skip=0
-    )
+    clips, dt_s = recording.segments, recording.dt_s
+    whole = HeldOut(still, still, inputs, inputs, clips, metric=np.eye(1), dt_s=dt_s, skip=0)
     segments = [
         f"frames {start} to {stop} ({(stop - start) * recording.dt_s:.1f} s)"
         for start, stop in find_free_segments(whole, config)[:MAX_LISTED]
@@ -215,7 +214,11 @@ def propose_system(recording: Recording, *, path: Path, settings: RecordingConfi
     """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user."""
     name = _make_name(path.stem).lower() or "film"
     clips = recording.meta["footage"]
-    height, width = _choose_size(recording, settings)
+    height, width = settings.height, settings.width
+    if height is None or width is None:
+        # in the proportions of the cropped frame
+        scale = min(1.0, MAX_SIDE_PX / max(recording.height, recording.width))
+        height, width = (max(1, round(side * scale)) for side in (recording.height, recording.width))
     crop = "null" if settings.crop is None else str(list(settings.crop))
     skips = [clip["skip_s"] for clip in clips if clip["skip_s"] is not None]
     ends = [clip["end_s"] for clip in clips if clip["end_s"] is not None]
@@ -265,15 +268,6 @@ chart:
 
 def _format_optional(value: float | None) -> str:
     return "null" if value is None else f"{value:g}"
-
-
-def _choose_size(recording: Recording, settings: RecordingConfig) -> tuple[int, int]:
-    """Height and width [pixel] in the proportions of the cropped frame, as given or at most 96 a side."""
-    if settings.height is not None and settings.width is not None:
-        return settings.height, settings.width
-    longest = max(recording.height, recording.width)
-    scale = min(1.0, MAX_SIDE_PX / longest)
-    return max(1, round(recording.height * scale)), max(1, round(recording.width * scale))
 
 
 def _describe_quality(quality: Mapping[str, Any]) -> list[str]:

@@ -71,9 +71,7 @@ def locate_artefact(folder: Path, name: str) -> Path:
     for place in (folder, *folder.resolve().parents[:2]):
         if (place / file).is_file():
             return place / file
-    raise FileNotFoundError(
-        f"{folder}: no {file} there or up to two folders above; give run=FOLDER of a finished fit"
-    )
+    raise FileNotFoundError(f"{folder}: no {file} there or up to two folders above; name a finished fit")
 
 
 def rollout(
@@ -97,9 +95,7 @@ def rollout(
     """
     chart = run.chart
     if inputs.shape[1] != chart.inputs.shape[1]:
-        raise ValueError(
-            f"{inputs.shape[1]} input columns, but the run was trained with {chart.inputs.shape[1]}"
-        )
+        raise ValueError(f"{inputs.shape[1]} inputs, but the run was trained with {chart.inputs.shape[1]}")
     q0, v0 = chart.rest, np.zeros(chart.d)
     if frame is not None:
         _check_frame(chart, frame)

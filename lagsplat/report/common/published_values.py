@@ -46,21 +46,14 @@ def list_paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
 
     Source: paper, Table "Krauss".
     """
-    return [
-        {
-            "robot": robot,
-            "method": f"{name} (paper)",
-            "dynamics": "linear",
-            **dict(zip(BASELINE_SCORES, values, strict=True)),
-            "external_force": EXTERNAL_FORCES.get(name, "none"),
-            "recording": RECORDING,
-            "profile": "the paper's",
-            "n_seeds": 1,
-        }
-        for robot, rows in BASELINES.items()
-        if robot in robots
-        for name, values in rows.items()
-    ]
+    shared = {"dynamics": "linear", "recording": RECORDING, "profile": "the paper's", "n_seeds": 1}
+    rows = []
+    for robot in [robot for robot in BASELINES if robot in robots]:
+        for name, values in BASELINES[robot].items():
+            names = {"robot": robot, "method": f"{name} (paper)"}
+            scores = dict(zip(BASELINE_SCORES, values, strict=True))
+            rows.append(names | scores | shared | {"external_force": EXTERNAL_FORCES.get(name, "none")})
+    return rows
 
 
 def list_paper_rows(robots: set[str]) -> list[dict[str, Any]]:
@@ -70,14 +63,8 @@ def list_paper_rows(robots: set[str]) -> list[dict[str, Any]]:
 
     Source: paper, Tables "Free rollouts" and "Krauss".
     """
-    shared = {
-        "method": METHOD,
-        "dynamics": "nonlinear",
-        "external_force": "anywhere",
-        "recording": RECORDING,
-        "profile": PROFILE,
-        "n_seeds": 5,
-    }
+    shared: dict[str, Any] = {"method": METHOD, "dynamics": "nonlinear", "external_force": "anywhere"}
+    shared |= {"recording": RECORDING, "profile": PROFILE, "n_seeds": 5}
     return [
         {"robot": robot, **dict(zip(SYSTEM_SCORES, values, strict=True)), **shared}
         for robot, values in SYSTEMS.items()

@@ -48,9 +48,8 @@ def _draw_power(axis: Any, spectrum: Any, coordinate: int, name: str) -> None:
         if power.max() <= 0.0:
             continue
         if i == coordinate:
-            axis.plot(
-                spectrum.frequency_hz, power, color=style.ENCODED, linewidth=1.0, label=f"residual of {name}"
-            )
+            label = f"residual of {name}"
+            axis.plot(spectrum.frequency_hz, power, color=style.ENCODED, linewidth=1.0, label=label)
         else:
             axis.plot(spectrum.frequency_hz, power, color=style.QUIET, linewidth=0.5, label=others)
             others = None
@@ -216,6 +215,7 @@ def draw_forecast_comparison(diagnosis: Diagnosis) -> Figure | None:
         error = getattr(block, kind)[:, coordinate] - block.real[:, coordinate]
         return float(np.nan_to_num(np.sqrt(np.mean(error**2)) / scale, nan=np.inf))
 
+    kinds = {"sim": style.PREDICTED, "augmented": style.ENCODED}
     order = sorted(blocks, key=lambda block: -measure_error(block, "sim"))
     rows = [order[0], order[len(order) // 2], order[-1]] if len(order) > 2 else order
     figure = style.new_figure(style.PAGE_IN, 0.4 + 1.0 * len(rows))
@@ -223,9 +223,7 @@ def draw_forecast_comparison(diagnosis: Diagnosis) -> Figure | None:
     for row, block in zip(axes, rows, strict=True):
         real = block.real[:, coordinate]
         margin = 0.4 * max(np.ptp(real), 1e-12)
-        for axis, kind, color in zip(
-            row, ("sim", "augmented"), (style.PREDICTED, style.ENCODED), strict=True
-        ):
+        for axis, (kind, color) in zip(row, kinds.items(), strict=True):
             _plot_measured(axis, block.time_s, real, "measured")
             axis.plot(block.time_s, getattr(block, kind)[:, coordinate], color=color, label="forecast")
             axis.set_title(f"off by {format_percent(measure_error(block, kind))}", loc="right", pad=1)

@@ -119,9 +119,8 @@ def _draw_excess(figure: Figure, axis: Any, error: ImageErrorMap) -> None:
 def _draw_force(figure: Figure, axis: Any, force: ImageForceMap) -> None:
     _draw_background(axis, force.frame)
     shown = np.clip(force.explained, 0.0, 1.0)
-    image = axis.scatter(
-        *force.points.T, c=shown, cmap=IMAGE_COLOURS, s=14, edgecolors="white", linewidths=0.4
-    )
+    x, y = force.points.T
+    image = axis.scatter(x, y, c=shown, cmap=IMAGE_COLOURS, s=14, edgecolors="white", linewidths=0.4)
     image.set_clim(0.0, 1.0)
     title = "share that a force on each point explains"
     if force.localisable and len(force.near):

@@ -52,14 +52,19 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
     """
     drawn = draw_diagnosis_figures(diagnosis, content)
     visible = [(grade, title, list_excited(diagnosis, grade)) for grade, title in GRADE_TITLES.items()]
-    environment = Environment(
-        loader=PackageLoader("lagsplat.report.diagnosis"), autoescape=True, undefined=StrictUndefined
-    )
+    loader = PackageLoader("lagsplat.report.diagnosis")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     environment.filters |= {
         "sentence": _end_sentence,
         "unbroken": _keep_percent_together,
         "short_title": short_title,
         "svg_uri": encode_svg_uri,
+        "place": name_candidate,
+        "probability": format_probability,
+        "estimates": format_estimates,
+        "closure": _format_closure,
+        "evidence": _format_evidence,
+        "number": lambda value: "–" if value is None else format_number(value, digits=3),
     }
     return environment.get_template("report.html.j2").render(
         diagnosis=diagnosis,
@@ -77,7 +82,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         figures=[drawing for drawing in drawn if drawing.figure is not None],
         video=None if content.video is None else encode_video_uri(content.video),
         missing=_list_missing(diagnosis, [drawing.title for drawing in drawn if drawing.figure is None]),
-        candidates=[_format_candidate(candidate, diagnosis) for candidate in diagnosis.candidates],
+        verdicts=VERDICTS,
         descriptions=_describe_likely(diagnosis),
         provenance=_list_provenance(content.stamp),
     )
@@ -144,19 +149,9 @@ def _list_missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
     return [f"{what}: {missing}" for what, missing in parts.items() if missing]
 
 
-def _format_candidate(candidate: Candidate, diagnosis: Diagnosis) -> dict[str, Any]:
-    """One row of the table of candidates as texts."""
-    kind = "chosen" if candidate.name in diagnosis.combination else ""
+def _format_evidence(candidate: Candidate) -> str:
     known = math.isfinite(candidate.log_evidence) and candidate.name != "none"
-    return {
-        "kind": "verdict" if candidate.name in VERDICTS else kind,
-        "place": name_candidate(candidate),
-        "probability": format_probability(candidate.probability),
-        "parameters": format_estimates(candidate),
-        "closure": _format_closure(candidate.closure),
-        "evidence": format_number(candidate.log_evidence, digits=3) if known else "–",
-        "misfit": "–" if candidate.misfit is None else format_number(candidate.misfit, digits=3),
-    }
+    return format_number(candidate.log_evidence, digits=3) if known else "–"
 
 
 def _format_closure(closure: Interval | None) -> str:

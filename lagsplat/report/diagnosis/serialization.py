@@ -20,7 +20,6 @@ from lagsplat.io.files.atomic import write_text
 from lagsplat.report.diagnosis.content import EMPTY_WHERE, list_missing_fields, read_location, to_plain_data
 
 PROBABILITY_TOLERANCE = 1e-6  # largest distance of the sum of all probabilities from one
-GAP_UNIT = "fraction of each coordinate's rms"
 Number = int | float | None
 NAN = float("nan")
 NO_INTERVAL = Interval(None, None, None)
@@ -104,7 +103,6 @@ def save_diagnosis(path: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
 
     Raises:
         ValueError: it breaks a rule of the format, such as probabilities that do not sum to one.
-        OSError: as of `write_text`.
     """
     content = build_diagnosis_content(diagnosis)
     check_diagnosis(content)
@@ -181,7 +179,8 @@ def build_diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
         if location.get(name) is not None:
             where[name] = to_plain_data(location[name])
     fields["where"] = where | {"not_computed": list_missing_fields(diagnosis)}
-    fields["gap"] = _in_order(GapRecord, to_plain_data(diagnosis.gap or NO_GAP) | {"unit": GAP_UNIT})
+    unit = {"unit": "fraction of each coordinate's rms"}
+    fields["gap"] = _in_order(GapRecord, to_plain_data(diagnosis.gap or NO_GAP) | unit)
     return _in_order(DiagnosisRecord, fields)
 
 

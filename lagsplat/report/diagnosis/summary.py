@@ -103,7 +103,9 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
     probability = sum(sum_probability(diagnosis, name) for name in equivalent)
     sentences = [_describe_size(diagnosis), _describe_place(diagnosis)]
     if probability < LIKELY_FROM:
-        return [*sentences, _list_open_causes(diagnosis), _recommend_next(diagnosis)]
+        first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
+        sentences.append(f"Its cause is undecided; most probable are {_list_probable(first)}.")
+        return [*sentences, _recommend_next(diagnosis)]
     kinds = {describe_effect(effect.name).kind for effect in chosen}
     sentences.append(_describe_cause(diagnosis, chosen, equivalent, probability))
     sentences += [_list_estimates(e, len(chosen), len(equivalent)) for e in chosen if e.parameters]
@@ -171,8 +173,7 @@ def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
     ]
     first = _list_effect_candidates(diagnosis)[:3]
     if first and first[0].probability > 0.0:
-        texts = [f"{name_candidate(effect)} ({format_probability(effect.probability)})" for effect in first]
-        sentences.append(f"Most probable so far: {join_texts(texts, 'and')}; none of them is established.")
+        sentences.append(f"Most probable so far: {_list_probable(first)}; none of them is established.")
     return [*sentences, _recommend_next(diagnosis)]
 
 
@@ -235,14 +236,13 @@ def _describe_place(diagnosis: Diagnosis) -> str:
     return f"{text}."
 
 
-def _list_open_causes(diagnosis: Diagnosis) -> str:
-    first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
-    texts = [
-        f"{describe_effect(effect.name).title if effect.name == 'unknown' else name_candidate(effect)} "
-        f"({format_probability(effect.probability)})"
-        for effect in first
-    ]
-    return f"Its cause is undecided; most probable are {join_texts(texts, 'and')}."
+def _list_probable(candidates: list[Candidate]) -> str:
+    texts = []
+    for candidate in candidates:
+        unknown = candidate.name == "unknown"
+        name = describe_effect("unknown").title if unknown else name_candidate(candidate)
+        texts.append(f"{name} ({format_probability(candidate.probability)})")
+    return join_texts(texts, "and")
 
 
 def _describe_cause(

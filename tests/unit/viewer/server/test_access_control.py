@@ -162,7 +162,7 @@ def test_the_socket_is_bound_to_loopback(live) -> None:
 
 def test_the_command_names_what_a_run_lacks(tmp_path, capsys) -> None:
     assert main(["view", str(tmp_path / "nothing"), "--no-browser"]) == 2
-    assert "give run=FOLDER of a finished fit" in capsys.readouterr().err
+    assert "name a finished fit" in capsys.readouterr().err
     assert main(["view"]) == 2
     assert "name one fitted run" in capsys.readouterr().err
     assert main(["view", str(tmp_path), "stage1.steps=3"]) == 2
