@@ -214,7 +214,10 @@ def _simulator_findings(
             f"the law misses its own recordings by {given:.2g} times their noise within two periods; it was "
             f"recalibrated before the comparison and now misses them by {left:.2g}"
         )
-        why = "the errors of the law are then not taken for an effect: they count as part of what a refit closes"
+        why = (
+            "the errors of the law are then not taken for an effect: "
+            "they count as part of what a refit closes"
+        )
         remedy = "fit the run longer if that part is large"
         findings.append(Finding("warn", "law of the run", source, what, why, remedy))
     if sim.outlier_spans:
