@@ -36,7 +36,7 @@ class Pendulum:
 
 @pytest.fixture(scope="module")
 def swing(shared_data: Path) -> np.ndarray:
-    """The single arm's swing at 50 Hz, (N, 2): time [s] and angle [rad], which is pi where it hangs."""
+    """The single arm's swing at 40 Hz, (N, 2): time [s] and angle [rad], which is pi where it hangs."""
     path = shared_data / "logs" / "multiarm_pendulum" / "SinglePendulumDataForParameterEstimation.mat"
     if not path.is_file():
         pytest.skip(f"no recording at {path}")
@@ -44,7 +44,7 @@ def swing(shared_data: Path) -> np.ndarray:
     parts = [(held[f"Time_{k}"], held[f"Y_{k}"]) for k in ("id", "vad")]
     time = np.concatenate([np.ravel(t) for times, _ in parts for t in times])
     angle = np.concatenate([np.asarray(y)[0] for _, rows in parts for y in rows])
-    return np.stack([time, angle], axis=1)[::20]
+    return np.stack([time, angle], axis=1)[::25]
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-STEP_S, SPAN_S = 1.0 / 60.0, 12.0
+STEP_S, SPAN_S = 1.0 / 60.0, 8.0
 
 
 def drive(t: np.ndarray | float, phase: float) -> np.ndarray | float:
