@@ -54,7 +54,7 @@ def linearize_steps(
     the shortest natural period [s], the number of Runge-Kutta steps in a sample step.
 
     Raises:
-        LinAlgError: the fastest mode needs more than `LATENT_FORCE.max_substeps` of these.
+        LinAlgError: the fastest mode needs more than `MAX_SUBSTEPS` of these.
     """
     d = mechanics.d
     inertia = compute_rest_inertia(mechanics)
