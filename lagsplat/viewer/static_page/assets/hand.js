@@ -1,5 +1,5 @@
 "use strict";
-// What a drag takes hold of, and where the recording ends: lagsplat/forces/grip.py and lagsplat/viewer/coverage.py.
+// What a drag takes hold of, and where the recording ends: lagsplat/forces/grasp.py and lagsplat/viewer/simulation/history.py.
 
 const ALPHA_MIN = 1 / 255;
 

@@ -1,5 +1,5 @@
 "use strict";
-// The learned law, one state at a time: the formulas and the integrator of lagsplat/forces/single.py, line by line.
+// The learned law, one state at a time: the formulas and the integrator of lagsplat/stage2/numpy_lagrangian.py, line by line.
 // Vectors are arrays of numbers, matrices arrays of rows. Velocities are per second, energies in the law's own unit.
 
 const dot = (a, b) => {

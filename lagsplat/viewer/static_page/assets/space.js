@@ -1,6 +1,6 @@
 "use strict";
 // How Gaussians of space are seen and touched by a camera that can be turned about the pivot: the projection of
-// lagsplat/splat/projection.py, the ray of lagsplat/forces/ray.py. Lengths are pixels of the film's camera at the pivot.
+// lagsplat/splat/projection.py, the ray of lagsplat/forces/grasp.py. Lengths are pixels of the film's camera at the pivot.
 
 const NEAR = 0.01;
 const MARGIN = 0.3;
