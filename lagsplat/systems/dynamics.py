@@ -105,6 +105,7 @@ def integrate_motion(
         args=args,
     )
     if not solution.success or not np.isfinite(solution.y).all():
-        raise RuntimeError(f"integration stopped at t = {solution.t[-1]:.3f} s: {solution.message}")
+        reached_s = solution.t[-1] if solution.t.size else time_s[0]
+        raise RuntimeError(f"integration stopped at t = {reached_s:.3f} s: {solution.message}")
     states = np.ascontiguousarray(solution.y.T)
     return states[:, : len(q)].copy(), states[:, len(q) :].copy()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lagsplat.io.video.read import save_gif, save_mp4
+from lagsplat.io.video.write import save_gif, save_mp4
 
 
 def pictures(count: int = 12) -> list[np.ndarray]:
