@@ -3,6 +3,11 @@
 import os
 from pathlib import Path
 
+# Workers share the cores, and kernels whose threads outnumber these wait for one another ten times as long.
+# Numba reads this when it is imported.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 import torch

@@ -11,7 +11,7 @@ from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 from lagsplat.pipelines.batch import encode_videos
 
 FRAME_S, SIDE = 0.02, 16
-STEPS = 500
+STEPS = 300
 
 
 def film(path: Path, place: np.ndarray, *, shade: int = 255) -> None:

@@ -1,8 +1,7 @@
-"""Promises of the rasterisers at the edges: bad arguments, empty scenes, what is not finite, threads."""
+"""Promises of the rasterisers at the edges: bad arguments, empty scenes, what is not finite."""
 
 import inspect
 
-import numba
 import pytest
 import torch
 
@@ -129,22 +128,6 @@ def test_numba_gives_single_gradients(wanted):
     for inputs in (all_inputs, one_input):
         rasterize(**inputs, height=10, width=10, backend="numba").square().sum().backward()
     assert torch.equal(one_input[wanted].grad, all_inputs[wanted].grad)
-
-
-@pytest.mark.parametrize("batch", [1, 2, 3])
-def test_threads_change_nothing_but_rounding(batch):
-    def gradients(threads):
-        before = numba.get_num_threads()
-        numba.set_num_threads(threads)
-        try:
-            inputs = {name: tensor.requires_grad_() for name, tensor in scene(batch).items()}
-            rasterize(**inputs, height=40, width=70, backend="numba").square().sum().backward()
-            return [tensor.grad for tensor in inputs.values()]
-        finally:
-            numba.set_num_threads(before)
-
-    for one, many in zip(gradients(1), gradients(numba.config.NUMBA_NUM_THREADS), strict=True):
-        torch.testing.assert_close(one, many, rtol=1e-4, atol=1e-4)
 
 
 def test_gsplat_refuses_the_cpu_and_names_the_way_out():
