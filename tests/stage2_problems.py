@@ -21,6 +21,9 @@ def form(**changes: object) -> FormConfig:
         "diffeo_blocks": 2,
         "diffeo_width": 16,
         "diffeo_lipschitz": 0.9,
+        "potential_degree": 3,
+        "input_degree": 2,
+        "matrix_degree": 1,
     }
     return FormConfig(**(values | changes))
 

@@ -7,6 +7,7 @@ from math import prod
 
 import numpy as np
 from jaxtyping import Float64, Int
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from lagsplat.array_types import Series
@@ -98,6 +99,15 @@ class EncodedTrajectory:
         if inputs.size:
             inputs = inputs.clip(self.inputs.min(axis=0), self.inputs.max(axis=0))
         return replace(self, latents=latents, inputs=inputs)
+
+    def differentiate(self, order: int) -> Float64[np.ndarray, "T d"]:
+        """Derivatives of the latents [1/s^order] of cubic splines through each segment; zero outside."""
+        slopes = np.zeros_like(self.latents)
+        for start, stop in self.segments:
+            if stop - start > 1:
+                spline = CubicSpline(self.time_s[start:stop], self.latents[start:stop])
+                slopes[start:stop] = spline(self.time_s[start:stop], order)
+        return slopes
 
     def part(self, start: int, stop: int) -> "EncodedTrajectory":
         """Frames ``start`` to ``stop``, with the segments cut accordingly and counted from ``start``."""

@@ -172,6 +172,7 @@ def fit_dynamics(autoencoder: Autoencoder, chart: Chart, *overrides: str, seed: 
         seed,
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
+        measured=chart.train,
     )
     return lagrangian
 

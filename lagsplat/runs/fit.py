@@ -101,6 +101,7 @@ def fit_run(
         experiment.seeds[0],
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
+        measured=chart.train,
         on_candidate=lambda row: log.info("%s", row),
     )
     save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})

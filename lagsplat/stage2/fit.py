@@ -9,7 +9,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -25,9 +25,11 @@ from lagsplat.io.files.artifact import load_artifact, restore_module, save_artif
 from lagsplat.stage2 import objective
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
+from lagsplat.stage2.equation_error import fit_equation_error
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes, linearize_modes
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
+from lagsplat.stage2.multiple_shooting import choose_stretches, fit_windows
 from lagsplat.stage2.rollout import (
     ShootingTargets,
     ShootingWindows,
@@ -45,7 +47,7 @@ SCHEMA = 3
 class CurveRow:
     """One line of the training curve."""
 
-    stage: str  # 'start', 'one_step' or 'shooting'
+    stage: str  # 'start', 'one_step', 'shooting' or 'likelihood'
     step: int
     loss: float
     score: float
@@ -78,13 +80,15 @@ def fit_dynamics(
     *,
     rest: Float[np.ndarray, " d"],
     geometry: DecoderGeometry | None = None,
+    measured: EncodedTrajectory | None = None,
     on_candidate: Callable[[CurveRow], None] = lambda row: None,
 ) -> tuple[Lagrangian, FitReport]:
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
 
     Three stages: constant matrices, networks on the one-step objective, networks on rollouts. The result is
     the candidate with the smallest rollout error over the clip, including the start, so that no stage can
-    make it worse.
+    make it worse. A law of polynomial terms has other stages: least squares on the balance of forces, and
+    maximum likelihood by multiple shooting on the trajectory as ``measured``, where that is given.
 
     ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image, ``geometry``
     that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate.
@@ -97,15 +101,21 @@ def fit_dynamics(
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
-    fit.start(torch.from_numpy(rest), geometry)
-    lagrangian = fit.lagrangian
-    fit.score_candidate("start", 0, float("nan"))
-    report.scores["start"] = best.score
-    fit.train_on_steps()
-    report.scores["one_step"] = best.score
-    fit.train_on_rollouts()
-    report.scores["shooting"] = best.score
-    best.restore(lagrangian)
+    if config.form.potential == "polynomial":
+        fit.maximize_likelihood(measured or trajectory)
+        lagrangian = fit.lagrangian
+        best.restore(lagrangian)
+        lagrangian.settle()
+    else:
+        fit.start(torch.from_numpy(rest), geometry)
+        lagrangian = fit.lagrangian
+        fit.score_candidate("start", 0, float("nan"))
+        report.scores["start"] = best.score
+        fit.train_on_steps()
+        report.scores["one_step"] = best.score
+        fit.train_on_rollouts()
+        report.scores["shooting"] = best.score
+        best.restore(lagrangian)
     report.rejected = best.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
@@ -244,6 +254,11 @@ class BestCheckpoint:
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
+LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
+"""Length of the windows, as a share of the final one, and their coupling, in each leg of a likelihood fit."""
+LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
+LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
+MOST_PIECES = 4  # of a frame
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 
@@ -335,6 +350,40 @@ class DynamicsFit:
             softening = config.form.actuation == "bounded"
             fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
             fit.minimize(error, iterations=config.start.shooting_iterations)
+
+    def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
+        """Fit a polynomial law: equation error first, then windows that grow and are coupled ever closer."""
+        config, likelihood = self.config, self.config.likelihood
+        smooth = replace(self.trajectory, inputs=measured.inputs)
+        arguments = {"time_unit_s": self.time_unit_s, "seed": self.seed}
+        self.lagrangian = fit_equation_error(smooth, config.form, longest_step=math.inf, **arguments)
+        dt = measured.dt_s / self.time_unit_s
+        modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
+        rates = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * measured.dt_s
+        pieces = math.ceil(min(float(rates.max()) / LARGEST_PHASE, MOST_PIECES))
+        self.lagrangian.longest_step = dt / max(1, pieces)
+        self.score_candidate("start", 0, float("nan"))
+        self.report.scores["start"] = self.best.score
+        oscillating = [f for f in modes.frequency_hz if f > 0]
+        period = 1.0 / (min(oscillating) * measured.dt_s) if oscillating else float(self.period_frames)
+        segments = choose_stretches(measured.segments, frames=likelihood.frames)
+        longest = max(stop - start for start, stop in segments) - 1
+        noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
+        for share, coupling in LIKELIHOOD_LEGS:
+            n = int(np.clip(round(share * likelihood.periods * period), 4, max(1, longest)))
+            fitted = fit_windows(
+                self.lagrangian,
+                measured,
+                smooth,
+                segments,
+                n=n,
+                coupling=coupling,
+                noise=noise,
+                iterations=likelihood.iterations,
+            )
+            noise = np.maximum(fitted.rms, LEAST_NOISE)
+            self.score_candidate("likelihood", fitted.steps, fitted.cost)
+        self.report.scores["likelihood"] = self.best.score
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""

@@ -24,6 +24,10 @@ from lagsplat.stage2.networks import (
     pull_back,
     push_forward,
 )
+from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
+
+SOFT_LIMIT = 4.0  # of polynomials [whitened units, which are standard deviations of the training data]
+FAR_STIFFNESS = 0.01  # of the mean stiffness at the start, beyond that limit
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,10 @@ class Lagrangian(nn.Module):
     ``K``, ``M`` and ``C`` have floors, and every network starts at zero. The internal unit of time is
     ``time_unit_s`` seconds; a step of the integrator is at most ``longest_step`` of them.
 
+    With ``form.potential='polynomial'`` potential and volumes are a `PolynomialEnergy` instead. Energy still
+    never rises and motion is bounded, but equilibria are not one by construction. Such a law is integrated by
+    the Runge-Kutta method, under inputs interpolated between frames.
+
     Args:
         start: constant matrices to start from.
         form: which terms depend on the state, and the sizes of their networks.
@@ -120,12 +128,12 @@ class Lagrangian(nn.Module):
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
         self.longest_step = longest_step
         signed = signed or (start.input_stiffness is not None and start.input_stiffness.input_range.signed)
-        self.signed = signed and form.actuation != "linear" and n_inputs > 0
+        self.signed = signed and form.actuation not in ("linear", "polynomial") and n_inputs > 0
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
-        width = form.matrix_width
-        self.mass_term: MatrixField | ConstantMatrix | InducedMass
+        self.mass_term: MatrixField | ConstantMatrix | PolynomialField | InducedMass
+        self.energy: PolynomialEnergy | None = None
         if form.mass != "induced":
-            self.mass_term = _make_matrix(form.mass, start.mass, floors.mass, width, generator)
+            self.mass_term = _make_matrix(form, form.mass, start.mass, floors.mass, generator)
         elif geometry is not None:
             self.mass_term = InducedMass(geometry, scale=mass_scale, floor=floors.mass)
         else:
@@ -133,7 +141,7 @@ class Lagrangian(nn.Module):
                 "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
                 "or choose 'learned' or 'constant'"
             )
-        self.damping_term = _make_matrix(form.damping, start.damping, floors.damping, width, generator)
+        self.damping_term = _make_matrix(form, form.damping, start.damping, floors.damping, generator)
         self.curvature: InputStiffnessPrior | None = None
         stiffness = start.stiffness
         if start.input_stiffness is not None and form.actuation != "linear":
@@ -148,12 +156,39 @@ class Lagrangian(nn.Module):
             size = (form.diffeo_blocks, form.diffeo_width)
             self.diffeo = Diffeomorphism(d, *size, lipschitz=form.diffeo_lipschitz, generator=generator)
         self.convex: Icnn | None = None
-        if form.potential != "quadratic":
+        if form.potential == "polynomial":
+            self._make_energy(start)
+        elif form.potential != "quadratic":
             self.convex = Icnn(d, width=form.potential_width, heads=1, generator=generator)
         self.volume_net: Icnn | None = None
-        if form.actuation != "linear" and n_inputs:
+        if form.actuation not in ("linear", "polynomial") and n_inputs:
             heads = n_inputs * (1 + self.signed)
             self.volume_net = Icnn(d, width=form.actuation_width, heads=heads, generator=generator)
+
+    def _make_energy(self, start: Coefficients) -> None:
+        """Make polynomials that begin as the quadratic potential and the linear volumes of ``start``."""
+        ridge = FAR_STIFFNESS * float(torch.trace(start.stiffness)) / self.d
+        self.energy = PolynomialEnergy(
+            self.d,
+            self.n_inputs,
+            potential_degree=self.form.potential_degree,
+            input_degree=self.form.input_degree,
+            reach=SOFT_LIMIT,
+            ridge=ridge,
+        )
+        self.energy.set_quadratic(start.stiffness, start.rest, start.pressure_map)
+        for parameter in (self.stiffness_factor, self.pressure_map, self.rest):
+            parameter.requires_grad_(False)  # `rest` follows from the polynomials
+
+    def settle(self) -> None:
+        """Set the rest state of a polynomial law to its equilibrium without inputs."""
+        with torch.no_grad():
+            self.rest.copy_(find_equilibrium(self, torch.zeros(self.n_inputs, dtype=torch.float64)))
+
+    @property
+    def integrator(self) -> str:
+        """``verlet``, under inputs held over a frame as published, or ``runge_kutta``, interpolating them."""
+        return "verlet" if self.energy is None else "runge_kutta"
 
     def project(self) -> None:
         """Restore the sign constraints after an optimiser step."""
@@ -187,7 +222,9 @@ class Lagrangian(nn.Module):
         return self.damping_term.matrix(q)
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
-        """``V(q)``, zero at the rest state and positive elsewhere."""
+        """``V(q)``, zero at the rest state and, unless polynomial, positive elsewhere."""
+        if self.energy is not None:
+            return self.energy.potential(q) - self.energy.potential(self.rest[None])
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
@@ -202,6 +239,8 @@ class Lagrangian(nn.Module):
 
         Without ``u`` all inputs count as positive.
         """
+        if self.energy is not None:
+            return self.energy.volume(q) - self.energy.volume(self.rest[None])
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
@@ -218,6 +257,8 @@ class Lagrangian(nn.Module):
 
     def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
+        if self.energy is not None:
+            return -self.energy.slope(q, u)
         image, hidden = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
         slope = torch.addmm(-ready.rest_slope, offset, ready.stiffness)
@@ -247,11 +288,13 @@ class Lagrangian(nn.Module):
 
 
 def _make_matrix(
-    kind: str, start: Tensor, floor: float, width: int, generator: torch.Generator
-) -> MatrixField | ConstantMatrix:
+    form: FormConfig, kind: str, start: Tensor, floor: float, generator: torch.Generator
+) -> MatrixField | ConstantMatrix | PolynomialField:
     if kind == "constant":
         return ConstantMatrix(start, floor=floor)
-    return MatrixField(start, floor=floor, width=width, generator=generator)
+    if kind == "polynomial":
+        return PolynomialField(start, floor=floor, degree=form.matrix_degree, reach=SOFT_LIMIT)
+    return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)
 
 
 @dataclass(frozen=True)

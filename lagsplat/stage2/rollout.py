@@ -22,8 +22,9 @@ def rollout(
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
     """Roll out states and velocities [1/s] at ``N`` instants ``dt_s`` apart; the first is the given one.
 
-    Input ``i`` is constant from state ``i`` to ``i + 1``; the last one is unused. Divergence never raises: a
-    row that overflows is NaN from there on.
+    Input ``i`` is constant from state ``i`` to ``i + 1`` and the last one is unused, unless the law is
+    integrated by the Runge-Kutta method, which interpolates the inputs. Divergence never raises: a row that
+    overflows is NaN from there on.
 
     ``dt_s`` [s] is one number, or ``N - 1`` of them for all rows or for each row.
     """
@@ -31,8 +32,11 @@ def rollout(
     ready, inputs = lagrangian.prepare(), inputs.double()
     q, v, steps = q0.double(), v0.double() * unit, dt_s / unit
     positions, velocities = [q], [v]
+    held = inputs[:, :, None]
+    if lagrangian.integrator == "runge_kutta":
+        held = interpolate_inputs(inputs, nodes=2 * split_inputs(steps, lagrangian.longest_step) + 1)
     for i in range(inputs.shape[1] - 1):
-        q, v = advance(lagrangian, q, v, inputs[:, i], step=choose_step(steps, i), ready=ready)
+        q, v = advance_under(lagrangian, q, v, held[:, i], step=choose_step(steps, i), ready=ready)
         finite = torch.isfinite(q).all(1, keepdim=True) & torch.isfinite(v).all(1, keepdim=True)
         q, v = q.where(finite, torch.nan), v.where(finite, torch.nan)
         positions.append(q)
@@ -49,7 +53,7 @@ def choose_step(steps: Steps, i: int) -> Step:
     return steps[..., i, None] if isinstance(steps, Tensor) else steps
 
 
-def split_inputs(step: Step, longest: float) -> int:
+def split_inputs(step: Steps, longest: float) -> int:
     """Count the equal pieces, at most ``longest``, into which a step is divided for all samples."""
     length = float(step.max()) if isinstance(step, Tensor) else step
     return max(1, math.ceil(length / longest - 1e-9))
@@ -58,15 +62,86 @@ def split_inputs(step: Step, longest: float) -> int:
 def advance(
     lagrangian: Lagrangian, q: Latents, v: Latents, u: Inputs, *, step: Step, ready: PreparedCoefficients
 ) -> tuple[Latents, Latents]:
-    """Advance by ``step`` internal time units under a constant input, in as many Verlet steps as needed.
+    """Advance by ``step`` internal time units under a constant input, in as many steps as needed.
 
     An explicit step of length h turns a frequency w into ``w (1 + (w h)^2 / 24)``. A law fitted with long
     steps would compensate for that and be wrong by as much, hence `Lagrangian.longest_step`.
     """
     pieces = split_inputs(step, lagrangian.longest_step)
     for _ in range(pieces):
-        q, v = verlet_step(lagrangian, q, v, u, step=step / pieces, ready=ready)
+        if lagrangian.integrator == "verlet":
+            q, v = verlet_step(lagrangian, q, v, u, step=step / pieces, ready=ready)
+        else:
+            q, v = runge_kutta_step(lagrangian, q, v, (u, u, u), step=step / pieces, ready=ready)
     return q, v
+
+
+def interpolate_inputs(
+    inputs: Float[Tensor, "B N n_u"], *, nodes: int
+) -> Float[Tensor, "B {inputs.shape[1]-1} {nodes} n_u"]:
+    """Inputs at ``nodes`` evenly spaced instants of each step between frames, both ends included.
+
+    A cubic with central slopes at the frames, and slopes of second order at both ends. A step of constant
+    input would act as a delay of half a frame, and a straight line as an inertia: on a mode of 5 Hz at 60
+    frames per second they shift the frequency by more than a percent.
+
+    Source: Catmull and Rom 1974, "A class of local interpolating splines".
+    """
+    if inputs.shape[1] < 3:
+        slope = (inputs[:, -1:] - inputs[:, :1]).expand_as(inputs)
+    else:
+        first = -1.5 * inputs[:, :1] + 2.0 * inputs[:, 1:2] - 0.5 * inputs[:, 2:3]
+        last = 1.5 * inputs[:, -1:] - 2.0 * inputs[:, -2:-1] + 0.5 * inputs[:, -3:-2]
+        slope = torch.cat([first, 0.5 * (inputs[:, 2:] - inputs[:, :-2]), last], 1)
+    x = torch.linspace(0.0, 1.0, nodes, dtype=inputs.dtype)[:, None]
+    start, end = inputs[:, :-1, None], inputs[:, 1:, None]
+    rise, fall = slope[:, :-1, None], slope[:, 1:, None]
+    away = x * x * (3.0 - 2.0 * x)
+    return (1.0 - away) * start + away * end + x * (1.0 - x) * ((1.0 - x) * rise - x * fall)
+
+
+def advance_under(
+    lagrangian: Lagrangian,
+    q: Latents,
+    v: Latents,
+    u: Float[Tensor, "B nodes n_u"],
+    *,
+    step: Step,
+    ready: PreparedCoefficients,
+) -> tuple[Latents, Latents]:
+    """Advance as `advance` under inputs at evenly spaced instants of the step; one alone is constant."""
+    if u.shape[1] == 1:
+        return advance(lagrangian, q, v, u[:, 0], step=step, ready=ready)
+    pieces = u.shape[1] // 2
+    for i in range(pieces):
+        here = (u[:, 2 * i], u[:, 2 * i + 1], u[:, 2 * i + 2])
+        q, v = runge_kutta_step(lagrangian, q, v, here, step=step / pieces, ready=ready)
+    return q, v
+
+
+def runge_kutta_step(
+    lagrangian: Lagrangian,
+    q: Latents,
+    v: Latents,
+    u: tuple[Inputs, Inputs, Inputs],
+    *,
+    step: Step,
+    ready: PreparedCoefficients,
+) -> tuple[Latents, Latents]:
+    """Make one classical Runge-Kutta step with the inputs at its start, middle and end.
+
+    Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
+    """
+    half = 0.5 * step
+    a1 = lagrangian.acceleration(q, v, u[0], ready=ready)
+    v2 = v + half * a1
+    a2 = lagrangian.acceleration(q + half * v, v2, u[1], ready=ready)
+    v3 = v + half * a2
+    a3 = lagrangian.acceleration(q + half * v2, v3, u[1], ready=ready)
+    v4 = v + step * a3
+    a4 = lagrangian.acceleration(q + step * v3, v4, u[2], ready=ready)
+    q_next = q + step / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+    return q_next, v + step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
 
 
 def verlet_step(

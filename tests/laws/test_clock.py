@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
+from lagsplat.stage2.config import (
+    FloorConfig,
+    LikelihoodConfig,
+    SelectConfig,
+    ShootConfig,
+    Stage2Config,
+    StartConfig,
+)
 from lagsplat.stage2.fit import fit_dynamics
 from tests.stage2_problems import form
 
@@ -39,6 +46,7 @@ def learned(trajectory: EncodedTrajectory) -> tuple[float, float]:
         gradient_clip=10.0,
         select=SelectConfig(8, 1.0, 2),
         shoot=ShootConfig(0, 8, 1e-3, 1.0, 0.0),
+        likelihood=LikelihoodConfig(600, 8, 1.3),
     )
     _, report = fit_dynamics(trajectory, np.eye(1), config, 0, rest=np.zeros(1))
     assert report.at_rest is not None

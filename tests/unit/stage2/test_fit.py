@@ -7,7 +7,14 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.config import FloorConfig, SelectConfig, ShootConfig, Stage2Config, StartConfig
+from lagsplat.stage2.config import (
+    FloorConfig,
+    LikelihoodConfig,
+    SelectConfig,
+    ShootConfig,
+    Stage2Config,
+    StartConfig,
+)
 from lagsplat.stage2.fit import choose_time_unit, fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import form
@@ -46,6 +53,7 @@ def config(**changes: object) -> Stage2Config:
         "gradient_clip": 10.0,
         "select": SelectConfig(8, 1.0, 2),
         "shoot": ShootConfig(4, 8, 1e-3, 0.3, 0.0),
+        "likelihood": LikelihoodConfig(600, 8, 1.3),
     }
     return Stage2Config(**(values | changes))
 

@@ -24,6 +24,7 @@ with Job(snakemake) as job:
         job.seed,
         rest=chart.rest,
         geometry=geometry,
+        measured=chart.train,
         on_candidate=job.say,
     )
     save_dynamics(job.output.dynamics, lagrangian, {**job.header, "report": asdict(report)})

@@ -1,0 +1,376 @@
+"""Maximum likelihood of a law by Gauss-Newton multiple shooting with variational equations.
+
+The trajectory as encoded is cut into windows. Unknown are the parameters of the law and the state at the
+start of every window. Residuals are the encoded positions less those of the rollouts, in units of their
+noise; and the gaps between the end of a window and the start of the next, in units of a coupling that is
+tightened from fit to fit. Loose windows converge from a poor law; coupled ones do not let free starts absorb
+what the law gets wrong. The states are eliminated window by window, so that a step solves one system of the
+size of the parameters. Steps are damped as Levenberg and Marquardt do.
+
+Source: Bock 1983, "Recent advances in parameter identification techniques for O.D.E."; Marquardt 1963,
+DOI 10.1137/0111030.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64, Int
+from torch import Tensor, nn
+from torch.func import functional_call, jacrev, vmap
+
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.rollout import advance_under, interpolate_inputs, split_inputs
+
+States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] at the start of each window
+Paths = Float[Tensor, "K n s"]
+
+STRETCHES = 8  # into which the used part of a long recording is divided
+CHUNK = 4096  # states whose derivatives are taken at once
+FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
+ATTEMPTS = 10  # of a step, each ten times as damped
+CONVERGED = 1e-3  # relative decrease of the misfit
+VAGUE = 1e-4  # precision of the prior about the start of the law's main coefficients
+SHAPE_PRECISION = 1.0  # and about the state dependence of mass and damping
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of ``n`` steps of a trajectory; the next one follows the ``linked`` ones without a gap."""
+
+    targets: Float[Tensor, "K m d"]
+    inputs: Float[Tensor, "K n nodes n_u"]
+    steps: Float[Tensor, "K n"]  # in internal time units
+    frames: Int[np.ndarray, " K"]  # at which they begin
+    linked: Bool[np.ndarray, " K"]
+
+    @property
+    def n(self) -> int:
+        """Steps of a window."""
+        return self.steps.shape[1]
+
+
+def choose_stretches(segments: Sequence[tuple[int, int]], *, frames: int) -> list[tuple[int, int]]:
+    """Choose at most about ``frames`` frames of the segments, in long stretches that are spread evenly."""
+    total = sum(stop - start for start, stop in segments)
+    if total <= frames:
+        return list(segments)
+    length = max(2, frames // STRETCHES)
+    chosen = []
+    for start, stop in segments:
+        count = max(1, round(STRETCHES * (stop - start) / total))
+        size = min(length, (stop - start) // count)
+        for first in np.linspace(start, stop - size, count).astype(int):
+            chosen.append((int(first), int(first) + size))
+    return chosen
+
+
+def cut_windows(
+    trajectory: EncodedTrajectory,
+    segments: Sequence[tuple[int, int]],
+    *,
+    n: int,
+    time_unit_s: float,
+    longest_step: float,
+) -> Windows:
+    """Cut windows of ``n`` steps, one after another, from parts of a trajectory.
+
+    Raises:
+        ValueError: no part is as long as a window.
+    """
+    frames, linked = [], []
+    for start, stop in segments:
+        count = (stop - 1 - start) // n
+        frames += [start + k * n for k in range(count)]
+        linked += [k + 1 < count for k in range(count)]
+    if not frames:
+        longest = max((stop - start for start, stop in segments), default=0)
+        raise ValueError(
+            f"the longest training segment has {longest} frames and a window of the fit needs {n + 1}: "
+            "record longer clips or lower stage2.likelihood.periods"
+        )
+    at = np.array(frames)
+    steps = np.diff(trajectory.time_s[at[:, None] + np.arange(n + 1)], axis=1) / time_unit_s
+    nodes = 2 * split_inputs(float(steps.max()), longest_step) + 1
+    inputs = torch.zeros(len(trajectory.inputs), nodes, trajectory.inputs.shape[1], dtype=torch.float64)
+    for start, stop in trajectory.segments:
+        series = torch.from_numpy(trajectory.inputs[None, start:stop])
+        inputs[start : stop - 1] = interpolate_inputs(series, nodes=nodes)[0]
+    return Windows(
+        targets=torch.from_numpy(trajectory.latents[at[:, None] + np.arange(n + 1)]),
+        inputs=inputs[torch.from_numpy(at[:, None] + np.arange(n))],
+        steps=torch.from_numpy(steps),
+        frames=at,
+        linked=np.array(linked),
+    )
+
+
+class _Step(nn.Module):
+    """One frame of a law as a module, so that it can be called with other parameters."""
+
+    def __init__(self, lagrangian: Lagrangian) -> None:
+        super().__init__()
+        self.lagrangian = lagrangian
+
+    def forward(
+        self, state: Float[Tensor, "B s"], u: Float[Tensor, "B nodes n_u"], step: Float[Tensor, "B 1"]
+    ) -> Float[Tensor, "B s"]:
+        d = self.lagrangian.d
+        ready = self.lagrangian.prepare()
+        q, v = advance_under(self.lagrangian, state[:, :d], state[:, d:], u, step=step, ready=ready)
+        return torch.cat([q, v], 1)
+
+
+class ParameterVector:
+    """The free parameters of a law as one vector, and the frame-by-frame step as a function of it."""
+
+    def __init__(self, lagrangian: Lagrangian) -> None:
+        self.lagrangian, self.module = lagrangian, _Step(lagrangian)
+        self.parts = {f"lagrangian.{n}": p for n, p in lagrangian.named_parameters() if p.requires_grad}
+        self.derivatives = vmap(jacrev(self._step_one, argnums=(0, 1)), in_dims=(None, 0, 0, 0))
+
+    def read(self) -> Float[Tensor, " p"]:
+        """The parameters as they are."""
+        return torch.cat([p.detach().reshape(-1) for p in self.parts.values()])
+
+    def write(self, theta: Float[Tensor, " p"]) -> None:
+        """Set the parameters of the law."""
+        with torch.no_grad():
+            for parameter, value in zip(self.parts.values(), self._split(theta).values(), strict=True):
+                parameter.copy_(value)
+
+    def precision(self) -> Float[Tensor, " p"]:
+        """Precision of the prior: vague, but for the shapes of mass and damping."""
+        shapes = ("mass_term.coefficients", "damping_term.coefficients")
+        rows = [
+            torch.full((p.numel(),), SHAPE_PRECISION if name.endswith(shapes) else VAGUE)
+            for name, p in self.parts.items()
+        ]
+        return torch.cat(rows).double()
+
+    @torch.no_grad()
+    def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
+        """States of all windows, the start included."""
+        path, parameters = [starts], self._split(theta)
+        for i in range(windows.n):
+            arguments = (path[-1], windows.inputs[:, i], windows.steps[:, i, None])
+            path.append(functional_call(self.module, parameters, arguments))
+        return torch.stack(path, 1)
+
+    def differentiate(
+        self, theta: Float[Tensor, " p"], path: Paths, windows: Windows
+    ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s p"]]:
+        """Derivatives of every state by the start of its window and by the parameters."""
+        k, n, s = path.shape
+        states, u = path[:, :-1].reshape(-1, s), windows.inputs.flatten(0, 1)
+        steps = windows.steps.reshape(-1, 1)
+        parts = [
+            self.derivatives(theta, states[i : i + CHUNK], u[i : i + CHUNK], steps[i : i + CHUNK])
+            for i in range(0, len(states), CHUNK)
+        ]
+        by_theta = torch.cat([part[0].detach() for part in parts]).view(k, n - 1, s, -1)
+        by_state = torch.cat([part[1].detach() for part in parts]).view(k, n - 1, s, s)
+        start = torch.eye(s, dtype=path.dtype).expand(k, s, s)
+        transition, sensitivity = [start], [path.new_zeros(k, s, by_theta.shape[3])]
+        for i in range(n - 1):
+            transition.append(by_state[:, i] @ transition[-1])
+            sensitivity.append(by_state[:, i] @ sensitivity[-1] + by_theta[:, i])
+        return torch.stack(transition, 1), torch.stack(sensitivity, 1)
+
+    def _split(self, theta: Tensor) -> dict[str, Tensor]:
+        pieces = theta.split([p.numel() for p in self.parts.values()])
+        return {name: x.view(p.shape) for (name, p), x in zip(self.parts.items(), pieces, strict=True)}
+
+    def _step_one(self, theta: Tensor, state: Tensor, u: Tensor, step: Tensor) -> Tensor:
+        return functional_call(self.module, self._split(theta), (state[None], u[None], step[None]))[0]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Paths of all windows, residuals in units of noise and coupling, and half the sum of their squares."""
+
+    path: Paths
+    position: Float[Tensor, "K n d"]
+    gap: Float[Tensor, "G s"]
+    cost: float
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """The system ``[[states, mixed], [mixed^T, law]] x = -gradient``, its states chained by ``link``."""
+
+    states: Float64[np.ndarray, "K s s"]
+    link: Float64[np.ndarray, "K s s"]  # between a state and the next
+    mixed: Float64[np.ndarray, "K s p"]
+    law: Float64[np.ndarray, "p p"]
+    states_gradient: Float64[np.ndarray, "K s"]
+    law_gradient: Float64[np.ndarray, " p"]
+
+
+@dataclass(frozen=True)
+class WindowFit:
+    """Result of a fit: the states at the window starts, and the rms residual of each coordinate."""
+
+    starts: States
+    rms: Float64[np.ndarray, " d"]
+    cost: float
+    steps: int
+
+
+class MultipleShooting:
+    """A fit in progress: ``noise`` (d,) and ``coupling`` (2 d,) are standard deviations of the residuals."""
+
+    def __init__(
+        self,
+        parameters: ParameterVector,
+        windows: Windows,
+        *,
+        noise: Float64[np.ndarray, " d"],
+        coupling: Float64[np.ndarray, " s"],
+    ) -> None:
+        self.parameters, self.windows = parameters, windows
+        self.noise, self.coupling = torch.from_numpy(noise), torch.from_numpy(coupling)
+        self.before = np.flatnonzero(windows.linked)
+        self.prior_mean, self.precision = parameters.read(), parameters.precision()
+
+    def fit(self, starts: States, *, iterations: int) -> WindowFit:
+        """Take damped Gauss-Newton steps until the misfit stays, and leave the law at the best parameters."""
+        theta, damping, steps = self.prior_mean, FIRST_DAMPING, 0
+        now = self.evaluate(theta, starts)
+        for _ in range(iterations):
+            normal = self.assemble(theta, now)
+            for _ in range(ATTEMPTS):
+                step = solve_normal(normal, self.windows.linked, damping=damping)
+                if step is not None:
+                    after = self.evaluate(theta + step[1], starts + step[0])
+                    if after.cost < now.cost:
+                        break
+                damping *= 10.0
+            else:
+                break
+            decrease = 1.0 - after.cost / now.cost
+            theta, starts, now = theta + step[1], starts + step[0], after
+            damping, steps = max(0.1 * damping, LEAST_DAMPING), steps + 1
+            if decrease < CONVERGED:
+                break
+        self.parameters.write(theta)
+        rms = (now.position.square().mean((0, 1)).sqrt() * self.noise).numpy()
+        return WindowFit(starts, rms, now.cost, steps)
+
+    def evaluate(self, theta: Float[Tensor, " p"], starts: States) -> Residuals:
+        """Roll out all windows and measure what they miss; the cost of a divergence is infinite."""
+        path = self.parameters.roll_out(theta, starts, self.windows)
+        d = len(self.noise)
+        # the last state of a window is the first of the next
+        position = (path[:, :-1, :d] - self.windows.targets[:, :-1]) / self.noise
+        gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
+        prior = (self.precision * (theta - self.prior_mean).square()).sum()
+        cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
+        return Residuals(path, position, gap, cost if np.isfinite(cost) else float("inf"))
+
+    def assemble(self, theta: Float[Tensor, " p"], now: Residuals) -> NormalEquations:
+        """The normal equations of a Gauss-Newton step."""
+        transition, sensitivity = self.parameters.differentiate(theta, now.path, self.windows)
+        k, d, p = len(now.path), len(self.noise), len(theta)
+        by_state = (transition[:, :-1, :d] / self.noise[:, None]).flatten(1, 2)
+        by_law = (sensitivity[:, :-1, :d] / self.noise[:, None]).flatten(1, 2)
+        residual = now.position.reshape(k, -1, 1)
+        flat = by_law.reshape(-1, p)
+        states, mixed = (by_state.mT @ by_state).numpy(), (by_state.mT @ by_law).numpy()
+        law = flat.T @ flat + torch.diag(self.precision)
+        law_gradient = flat.T @ residual.reshape(-1) + self.precision * (theta - self.prior_mean)
+        states_gradient = (by_state.mT @ residual)[:, :, 0].numpy()
+        before, inverse = self.before, (1.0 / self.coupling).numpy()
+        here = -inverse[:, None] * transition[before, -1].numpy()
+        along = -inverse[:, None] * sensitivity[before, -1].numpy()
+        gap, link = now.gap.numpy(), np.zeros_like(states)
+        states[before] += here.swapaxes(1, 2) @ here
+        states[before + 1] += np.diag(inverse**2)
+        link[before] = here.swapaxes(1, 2) * inverse
+        mixed[before] += here.swapaxes(1, 2) @ along
+        mixed[before + 1] += inverse[:, None] * along
+        states_gradient[before] += np.einsum("gab,ga->gb", here, gap)
+        states_gradient[before + 1] += gap * inverse
+        rows = along.reshape(-1, p)
+        return NormalEquations(
+            states,
+            link,
+            mixed,
+            law.numpy() + rows.T @ rows,
+            states_gradient,
+            law_gradient.numpy() + rows.T @ gap.ravel(),
+        )
+
+
+def solve_normal(
+    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
+) -> tuple[States, Float[Tensor, " p"]] | None:
+    """Solve for the steps of states and parameters, or None where the equations are not positive definite.
+
+    The states are eliminated in the order of time, as in a block-tridiagonal system.
+    """
+    k, s = normal.states_gradient.shape
+    diagonal = np.arange(s)
+    states, mixed, right = normal.states.copy(), normal.mixed.copy(), -normal.states_gradient
+    states[:, diagonal, diagonal] *= 1.0 + damping
+    inverse = np.empty_like(states)
+    try:
+        for i in range(k):
+            if i and linked[i - 1]:
+                back = inverse[i - 1] @ normal.link[i - 1]
+                states[i] -= normal.link[i - 1].T @ back
+                mixed[i] -= back.T @ mixed[i - 1]
+                right[i] -= back.T @ right[i - 1]
+            inverse[i] = np.linalg.inv(states[i])
+        law = normal.law + damping * np.diag(np.diag(normal.law))
+        solved = inverse @ mixed
+        p = len(law)
+        law = law - mixed.reshape(-1, p).T @ solved.reshape(-1, p)
+        gradient = -normal.law_gradient - np.einsum("ksp,ks->p", solved, right)
+        factor = np.linalg.cholesky(law)
+    except np.linalg.LinAlgError:
+        return None
+    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, gradient))
+    starts = np.empty((k, s))
+    for i in range(k - 1, -1, -1):
+        rest = right[i] - mixed[i] @ theta
+        if linked[i]:
+            rest = rest - normal.link[i] @ starts[i + 1]
+        starts[i] = inverse[i] @ rest
+    return torch.from_numpy(starts), torch.from_numpy(theta)
+
+
+def fit_windows(
+    lagrangian: Lagrangian,
+    measured: EncodedTrajectory,
+    smooth: EncodedTrajectory,
+    segments: Sequence[tuple[int, int]],
+    *,
+    n: int,
+    coupling: float,
+    noise: Float64[np.ndarray, " d"],
+    iterations: int,
+) -> WindowFit:
+    """Fit a law in place to windows of ``n`` steps.
+
+    Args:
+        lagrangian: the law to start from.
+        measured, smooth: the trajectory as encoded, and smoothed: the first guess of the window starts.
+        segments: parts of the trajectory that are used.
+        n: steps of a window.
+        coupling: standard deviation of the gaps between windows, relative to the rms of the states.
+        noise: standard deviation of the encoded positions.
+        iterations: Gauss-Newton steps at most.
+
+    Raises:
+        ValueError: no part is as long as a window.
+    """
+    unit = float(lagrangian.time_unit_s)
+    windows = cut_windows(measured, segments, n=n, time_unit_s=unit, longest_step=lagrangian.longest_step)
+    state = np.concatenate([smooth.latents, unit * smooth.differentiate(1)], axis=1)
+    starts = torch.from_numpy(state[windows.frames])
+    scale = np.sqrt(np.mean((state - state.mean(axis=0)) ** 2, axis=0)) + 1e-12
+    problem = MultipleShooting(ParameterVector(lagrangian), windows, noise=noise, coupling=coupling * scale)
+    return problem.fit(starts, iterations=iterations)
