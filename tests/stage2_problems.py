@@ -21,6 +21,7 @@ def form(**changes: object) -> FormConfig:
         "diffeo_blocks": 2,
         "diffeo_width": 16,
         "diffeo_lipschitz": 0.9,
+        "terms": "networks",
         "potential_degree": 3,
         "input_degree": 2,
         "matrix_degree": 1,

@@ -75,8 +75,10 @@ def make_run_subject(
 
 
 def describe_dynamics(lagrangian: Lagrangian) -> str:
-    """The kind of law: ``linear``, or ``nonlinear`` with the mass named where it is not learned."""
+    """The kind of law: ``linear``, ``polynomial``, or ``nonlinear``, which names a mass that is not learned."""
     form = lagrangian.form
+    if form.terms == "polynomial":
+        return "polynomial"
     if (form.mass, form.damping, form.potential, form.actuation) == LINEAR:
         return "linear"
     return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"

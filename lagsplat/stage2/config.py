@@ -9,10 +9,10 @@ from lagsplat import setting_checks as check
 class FormConfig:
     """Which terms of the Lagrangian depend on the state, and how large their networks are."""
 
-    mass: str  # 'learned' M(q), 'polynomial', 'constant' matrix, or 'induced' by the decoder's Jacobians
-    damping: str  # 'learned' C(q), 'polynomial' or 'constant' matrix
-    potential: str  # 'quadratic', 'icnn' (convex), 'invex' (convex after a diffeomorphism) or 'polynomial'
-    actuation: str  # volumes 'linear', 'concave', 'bounded' (convex as far as K carries it), 'polynomial'
+    mass: str  # 'learned' M(q), 'constant' matrix, or 'induced' by the decoder's Jacobians
+    damping: str  # 'learned' C(q) or 'constant' matrix
+    potential: str  # 'quadratic', 'icnn' (convex) or 'invex' (convex after a learned diffeomorphism)
+    actuation: str  # chamber volumes 'linear', 'concave', or 'bounded': convex, too, as far as K carries it
     rest: str  # 'learned' rest state, or 'fixed' at the encoding of the rest image
     matrix_width: int  # of the two hidden layers behind M and C
     potential_width: int
@@ -21,19 +21,17 @@ class FormConfig:
     diffeo_width: int
     diffeo_lipschitz: float  # bound on every residual branch, below 1 so that the map is invertible
     # with values for files from before there were polynomials
+    terms: str = "networks"  # or 'polynomial', for which none of the above counts
     potential_degree: int = 4  # of a polynomial potential
     input_degree: int = 3  # of the polynomial volume of each input
     matrix_degree: int = 1  # of the factor of a polynomial M and C, which have twice this degree
 
     def __post_init__(self) -> None:
-        check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced", "polynomial"))
-        check.require_choice(self, "stage2.form", "damping", ("learned", "constant", "polynomial"))
-        check.require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex", "polynomial"))
-        check.require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded", "polynomial"))
-        kinds = {getattr(self, name) for name in ("mass", "damping", "potential", "actuation")}
-        rule = "must be polynomial for all terms or for none: each kind has an estimator of its own"
-        mixed = "polynomial" in kinds and kinds != {"polynomial"}
-        check.require_setting("stage2.form.potential", self.potential, not mixed, rule)
+        check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
+        check.require_choice(self, "stage2.form", "damping", ("learned", "constant"))
+        check.require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex"))
+        check.require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
+        check.require_choice(self, "stage2.form", "terms", ("networks", "polynomial"))
         check.require_least(self, "stage2.form", 2, "potential_degree")
         check.require_least(self, "stage2.form", 1, "input_degree", "matrix_degree")
         check.require_choice(self, "stage2.form", "rest", ("learned", "fixed"))

@@ -29,9 +29,14 @@ Columns = Float64[np.ndarray, "T k d"]
 
 
 def fit_equation_error(
-    trajectory: EncodedTrajectory, form: FormConfig, *, time_unit_s: float, longest_step: float, seed: int
+    trajectory: EncodedTrajectory, form: FormConfig, *, time_unit_s: float, seed: int
 ) -> Lagrangian:
-    """Fit a polynomial law to the accelerations of a smoothed trajectory.
+    """Fit a polynomial law to the accelerations of a smoothed trajectory, with inputs as measured.
+
+    A smoothed input would look like inertia: a Gaussian of one frame adds half a squared frame to ``M / K``.
+
+    Raises:
+        ValueError: no segment is long enough for accelerations.
 
     Source: Aguirre and Letellier 2009, "Modeling nonlinear dynamics and chaos: a review" (equation error).
     """
@@ -62,9 +67,7 @@ def fit_equation_error(
     two = 2.0 * torch.eye(d, dtype=torch.float64)
     none = torch.zeros(n_inputs, d, dtype=torch.float64)
     start = Coefficients(torch.from_numpy(mass), torch.from_numpy(damping), two, none, 0.0 * two[0])
-    lagrangian = Lagrangian(
-        start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed, longest_step=longest_step
-    )
+    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed)
     assert lagrangian.energy is not None
     with torch.no_grad():
         lagrangian.energy.coefficients.copy_(torch.from_numpy(elastic))

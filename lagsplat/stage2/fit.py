@@ -101,7 +101,7 @@ def fit_dynamics(
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
-    if config.form.potential == "polynomial":
+    if config.form.terms == "polynomial":
         fit.maximize_likelihood(measured or trajectory)
         lagrangian = fit.lagrangian
         best.restore(lagrangian)
@@ -259,6 +259,7 @@ LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
 MOST_PIECES = 4  # of a frame
+MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 
@@ -352,16 +353,35 @@ class DynamicsFit:
             fit.minimize(error, iterations=config.start.shooting_iterations)
 
     def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
-        """Fit a polynomial law: equation error first, then windows that grow and are coupled ever closer."""
-        config, likelihood = self.config, self.config.likelihood
-        smooth = replace(self.trajectory, inputs=measured.inputs)
-        arguments = {"time_unit_s": self.time_unit_s, "seed": self.seed}
-        self.lagrangian = fit_equation_error(smooth, config.form, longest_step=math.inf, **arguments)
-        dt = measured.dt_s / self.time_unit_s
-        modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
-        rates = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * measured.dt_s
-        pieces = math.ceil(min(float(rates.max()) / LARGEST_PHASE, MOST_PIECES))
-        self.lagrangian.longest_step = dt / max(1, pieces)
+        """Fit a polynomial law, of lower degrees where the ones that are asked for forecast nothing.
+
+        Raises:
+            ValueError: no degree forecasts the clip better than its mean state does.
+        """
+        form = self.config.form
+        degrees = [(form.potential_degree, form.input_degree)]
+        while degrees[-1] != (2, 1):
+            degrees.append((max(2, degrees[-1][0] - 1), max(1, degrees[-1][1] - 1)))
+        for potential, inputs in degrees:
+            self.best.score = float("inf")
+            self._fit_polynomials(replace(form, potential_degree=potential, input_degree=inputs), measured)
+            if self.best.score < MEAN_STATE:
+                return
+        raise ValueError(
+            f"no polynomial law of degree 2 to {form.potential_degree} forecasts the training clip better "
+            f"than its mean state (error {self.best.score:.3g} of its rms): the latents may be too noisy, or "
+            "no coordinates of a mechanism. Look at reconstruction.png and latent.png, or take stage2=default"
+        )
+
+    def _fit_polynomials(self, form: FormConfig, measured: EncodedTrajectory) -> None:
+        """Equation error first, then maximum likelihood on windows that grow and are coupled ever closer."""
+        likelihood, smooth = self.config.likelihood, replace(self.trajectory, inputs=measured.inputs)
+        law = fit_equation_error(smooth, form, time_unit_s=self.time_unit_s, seed=self.seed)
+        self.lagrangian = law
+        modes = linearize_modes(law, torch.from_numpy(measured.inputs.mean(0)))
+        fastest = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s).max()
+        pieces = np.clip(math.ceil(fastest * measured.dt_s / LARGEST_PHASE), 1, MOST_PIECES)
+        law.longest_step = measured.dt_s / self.time_unit_s / int(pieces)
         self.score_candidate("start", 0, float("nan"))
         self.report.scores["start"] = self.best.score
         oscillating = [f for f in modes.frequency_hz if f > 0]
@@ -370,9 +390,9 @@ class DynamicsFit:
         longest = max(stop - start for start, stop in segments) - 1
         noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
         for share, coupling in LIKELIHOOD_LEGS:
-            n = int(np.clip(round(share * likelihood.periods * period), 4, max(1, longest)))
+            n = int(np.clip(round(share * likelihood.periods * period), min(4, longest), longest))
             fitted = fit_windows(
-                self.lagrangian,
+                law,
                 measured,
                 smooth,
                 segments,

@@ -83,7 +83,7 @@ class Lagrangian(nn.Module):
     ``K``, ``M`` and ``C`` have floors, and every network starts at zero. The internal unit of time is
     ``time_unit_s`` seconds; a step of the integrator is at most ``longest_step`` of them.
 
-    With ``form.potential='polynomial'`` potential and volumes are a `PolynomialEnergy` instead. Energy still
+    With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` instead. Energy still
     never rises and motion is bounded, but equilibria are not one by construction. Such a law is integrated by
     the Runge-Kutta method, under inputs interpolated between frames.
 
@@ -128,11 +128,12 @@ class Lagrangian(nn.Module):
         self.d, self.n_inputs, self.form, self.floors = d, n_inputs, form, floors
         self.longest_step = longest_step
         signed = signed or (start.input_stiffness is not None and start.input_stiffness.input_range.signed)
-        self.signed = signed and form.actuation not in ("linear", "polynomial") and n_inputs > 0
+        self.signed = signed and form.actuation != "linear" and n_inputs > 0 and form.terms != "polynomial"
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
         self.mass_term: MatrixField | ConstantMatrix | PolynomialField | InducedMass
         self.energy: PolynomialEnergy | None = None
-        if form.mass != "induced":
+        polynomial = form.terms == "polynomial"
+        if polynomial or form.mass != "induced":
             self.mass_term = _make_matrix(form, form.mass, start.mass, floors.mass, generator)
         elif geometry is not None:
             self.mass_term = InducedMass(geometry, scale=mass_scale, floor=floors.mass)
@@ -144,7 +145,7 @@ class Lagrangian(nn.Module):
         self.damping_term = _make_matrix(form, form.damping, start.damping, floors.damping, generator)
         self.curvature: InputStiffnessPrior | None = None
         stiffness = start.stiffness
-        if start.input_stiffness is not None and form.actuation != "linear":
+        if start.input_stiffness is not None and form.actuation != "linear" and not polynomial:
             softening = form.actuation == "bounded"
             self.curvature = InputStiffnessPrior(start.input_stiffness, softening=softening)
             stiffness = stiffness - self.curvature.matrices()[1].detach()
@@ -152,16 +153,16 @@ class Lagrangian(nn.Module):
         self.pressure_map = nn.Parameter(start.pressure_map.clone())
         self.rest = nn.Parameter(start.rest.clone(), requires_grad=form.rest == "learned")
         self.diffeo: Diffeomorphism | None = None
-        if form.potential == "invex":
+        if form.potential == "invex" and not polynomial:
             size = (form.diffeo_blocks, form.diffeo_width)
             self.diffeo = Diffeomorphism(d, *size, lipschitz=form.diffeo_lipschitz, generator=generator)
         self.convex: Icnn | None = None
-        if form.potential == "polynomial":
+        if polynomial:
             self._make_energy(start)
         elif form.potential != "quadratic":
             self.convex = Icnn(d, width=form.potential_width, heads=1, generator=generator)
         self.volume_net: Icnn | None = None
-        if form.actuation not in ("linear", "polynomial") and n_inputs:
+        if form.actuation != "linear" and n_inputs and not polynomial:
             heads = n_inputs * (1 + self.signed)
             self.volume_net = Icnn(d, width=form.actuation_width, heads=heads, generator=generator)
 
@@ -290,10 +291,10 @@ class Lagrangian(nn.Module):
 def _make_matrix(
     form: FormConfig, kind: str, start: Tensor, floor: float, generator: torch.Generator
 ) -> MatrixField | ConstantMatrix | PolynomialField:
+    if form.terms == "polynomial":
+        return PolynomialField(start, floor=floor, degree=form.matrix_degree, reach=SOFT_LIMIT)
     if kind == "constant":
         return ConstantMatrix(start, floor=floor)
-    if kind == "polynomial":
-        return PolynomialField(start, floor=floor, degree=form.matrix_degree, reach=SOFT_LIMIT)
     return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)
 
 

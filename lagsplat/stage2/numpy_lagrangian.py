@@ -10,6 +10,7 @@ from torch import Tensor
 
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
+from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
 from lagsplat.stage2.rollout import split_inputs
 
 States = Float64[np.ndarray, "*B d"]
@@ -30,7 +31,7 @@ class NumpyLagrangian:
     """
 
     def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
-        if not isinstance(law.mass_term, MatrixField | ConstantMatrix):
+        if not isinstance(law.mass_term, MatrixField | ConstantMatrix | PolynomialField):
             raise ValueError(
                 "a mass induced by the decoder has no closed form in arrays: "
                 "take lagsplat.stage2.rollout.rollout or lagsplat.forces.loaded_lagrangian.TorchLagrangian"
@@ -38,10 +39,9 @@ class NumpyLagrangian:
         ready = law.prepare()
         self.edits, self.d, self.signed = edits, law.d, law.signed
         self.unit_s, self.longest_step = float(law.time_unit_s), law.longest_step
-        self.mass, self.damping = (
-            SpdField(term) if isinstance(term, MatrixField) else ConstantSpd(term)
-            for term in (law.mass_term, law.damping_term)
-        )
+        self.integrator = law.integrator
+        self.mass, self.damping = _to_arrays(law.mass_term), _to_arrays(law.damping_term)
+        self.energy = None if law.energy is None else PolynomialForces(law.energy, law.rest)
         self.blocks = [tuple(_array(part) for part in block) for block in ready.blocks]
         self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
         self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
@@ -54,6 +54,9 @@ class NumpyLagrangian:
 
     def conservative_force(self, q: States, u: Inputs | None = None) -> States:
         """``-grad_q (k V - u.nu)`` with the edit ``k`` of the stiffness."""
+        if self.energy is not None:
+            force = -self.edits.stiffness * self.energy.elastic_slope(q)
+            return force if u is None or not u.shape[-1] else force + self.energy.input_force(q, u)
         image, hidden = self._push(q)
         offset = image - self.rest_image
         slope = offset @ self.stiffness - self.rest_slope
@@ -80,6 +83,8 @@ class NumpyLagrangian:
 
     def potential(self, q: States) -> Values:
         """``k V(q)``, zero at the rest state of the law."""
+        if self.energy is not None:
+            return self.edits.stiffness * self.energy.potential(q)
         image, _ = self._push(q)
         offset = image - self.rest_image
         value = 0.5 * ((offset @ self.stiffness) * offset).sum(-1)
@@ -104,7 +109,7 @@ class NumpyLagrangian:
     ) -> tuple[States, States]:
         """State and velocity [1/s] ``dt_s`` later under constant input and load.
 
-        Takes as many velocity-Verlet steps as `lagsplat.stage2.rollout.advance`.
+        Takes as many steps of the law's integrator as `lagsplat.stage2.rollout.advance`.
         """
         q, w = self.advance(q, v * self.unit_s, u, load, step=dt_s / self.unit_s)
         return q, w / self.unit_s
@@ -117,6 +122,16 @@ class NumpyLagrangian:
         h = step / pieces
         for _ in range(pieces):
             a = self.acceleration(q, w, u, load)
+            if self.integrator == "runge_kutta":
+                w2 = w + 0.5 * h * a
+                a2 = self.acceleration(q + 0.5 * h * w, w2, u, load)
+                w3 = w + 0.5 * h * a2
+                a3 = self.acceleration(q + 0.5 * h * w2, w3, u, load)
+                w4 = w + h * a3
+                a4 = self.acceleration(q + h * w3, w4, u, load)
+                q = q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
+                w = w + h / 6.0 * (a + 2.0 * (a2 + a3) + a4)
+                continue
             half = w + (0.5 * h) * a
             q = q + h * half
             w = half + (0.5 * h) * self.acceleration(q, half + (0.5 * h) * a, u, load)
@@ -210,6 +225,81 @@ class SpdField:
         return h1, h2, self.eye + (h2 @ third.T).reshape(*q.shape[:-1], *self.eye.shape)
 
 
+class PolynomialSpd:
+    """A mass or damping matrix of polynomials: `PolynomialField` in arrays."""
+
+    net: None = None
+
+    def __init__(self, field: PolynomialField) -> None:
+        self.lower, self.floor, self.reach = np.tril(_array(field.factor)), field.floor, field.reach
+        self.exponents = _array(field.exponents).astype(int)
+        self.coefficients = _array(field.coefficients) * _array(field.mask)
+        self.eye = np.eye(len(self.lower))
+
+    def product(self, q: States, v: States) -> States:
+        """``S(q) v``."""
+        value, _ = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
+        e = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
+        y = (v @ self.lower)[..., None, :] @ e
+        return (y @ e.swapaxes(-1, -2))[..., 0, :] @ self.lower.T + self.floor * v
+
+    def accelerate(self, q: States, v: States, force: States) -> States:
+        """``S^-1 (force + grad_q (v.S v / 2) - (dS/dt) v)``."""
+        value, slope = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
+        e = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
+        y = (v @ self.lower)[..., :, None]
+        p = e.swapaxes(-1, -2) @ y
+        rate = np.einsum("...kd,...d,kij->...ij", slope, v, self.coefficients)
+        change = (rate @ p + e @ (rate.swapaxes(-1, -2) @ y))[..., 0] @ self.lower.T
+        gradient = np.einsum("...i,kij,...j,...kd->...d", y[..., 0], self.coefficients, p[..., 0], slope)
+        whole = self.lower @ e
+        matrix = whole @ whole.swapaxes(-1, -2) + self.floor * self.eye
+        return np.linalg.solve(matrix, (force + gradient - change)[..., None])[..., 0]
+
+
+class PolynomialForces:
+    """The slopes of a `PolynomialEnergy` in arrays, its potential zero at ``rest``."""
+
+    def __init__(self, energy: PolynomialEnergy, rest: Tensor) -> None:
+        self.reach, self.ridge = energy.reach, float(energy.ridge)
+        self.exponents = _array(energy.exponents).astype(int)
+        self.input_exponents = _array(energy.input_exponents).astype(int)
+        self.coefficients = _array(energy.coefficients)
+        self.input_coefficients = _array(energy.input_coefficients)
+        self.at_rest = self._energy(_array(rest))
+
+    def potential(self, q: States) -> Values:
+        """``V(q)``."""
+        return self._energy(q) - self.at_rest
+
+    def elastic_slope(self, q: States) -> States:
+        """``grad V``."""
+        _, slope = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
+        return self.ridge * q + np.einsum("k,...kd->...d", self.coefficients, slope)
+
+    def input_force(self, q: States, u: Inputs) -> States:
+        """``grad (u.nu)``."""
+        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, reach=self.reach)
+        return np.einsum("...k,...kd->...d", u @ self.input_coefficients, slope)
+
+    def _energy(self, q: States) -> Values:
+        value, _ = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
+        return 0.5 * self.ridge * (q * q).sum(-1) + value @ self.coefficients
+
+
+def evaluate_monomials_in_arrays(
+    q: States, exponents: np.ndarray, *, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
+    tanh = np.tanh(q / reach)
+    s, inner = (reach * tanh)[..., None, :], (1.0 - tanh * tanh)[..., None, :]
+    factors = s**exponents
+    lowered = exponents * s ** np.maximum(exponents - 1, 0) * inner
+    d = q.shape[-1]
+    others = [np.delete(factors, i, axis=-1).prod(-1) for i in range(d)]
+    return factors.prod(-1), lowered * np.stack(others, -1)
+
+
 class ConvexNet:
     """`lagsplat.stage2.networks.Icnn` in arrays, with its prepared weights ``between``."""
 
@@ -233,6 +323,14 @@ class ConvexNet:
 
 def _sigmoid(z: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.tanh(0.5 * z)  # without overflow on either side
+
+
+def _to_arrays(
+    term: MatrixField | ConstantMatrix | PolynomialField,
+) -> "ConstantSpd | SpdField | PolynomialSpd":
+    if isinstance(term, PolynomialField):
+        return PolynomialSpd(term)
+    return SpdField(term) if isinstance(term, MatrixField) else ConstantSpd(term)
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -76,12 +76,14 @@ class PolynomialEnergy(nn.Module):
 
     exponents: Tensor
     input_exponents: Tensor
+    ridge: Tensor
 
     def __init__(
         self, d: int, n_inputs: int, *, potential_degree: int, input_degree: int, reach: float, ridge: float
     ) -> None:
         super().__init__()
-        self.reach, self.ridge = reach, ridge
+        self.reach = reach
+        self.register_buffer("ridge", torch.tensor(ridge, dtype=torch.float64))
         exponents = list_exponents(d, lowest=1, highest=potential_degree)
         input_exponents = list_exponents(d, lowest=1, highest=input_degree)
         self.register_buffer("exponents", exponents, persistent=False)
@@ -97,12 +99,12 @@ class PolynomialEnergy(nn.Module):
         rest: Float[Tensor, " d"],
         pressure_map: Float[Tensor, "n_u d"],
     ) -> None:
-        """Set ``V = (s - rest).stiffness (s - rest) / 2`` less the ridge, and ``nu = pressure_map s``."""
+        """Set ``U = (q - rest).stiffness (q - rest) / 2 - u.pressure_map q``, as far as ``s`` is ``q``."""
         with torch.no_grad():
             self.coefficients.zero_()
             self.input_coefficients.zero_()
             curvature = stiffness - self.ridge * torch.eye(len(rest), dtype=rest.dtype)
-            linear = -(curvature @ rest)
+            linear = -(stiffness @ rest)
             for k, powers in enumerate(self.exponents.long().tolist()):
                 axes = [i for i, power in enumerate(powers) for _ in range(power)]
                 if len(axes) == 1:

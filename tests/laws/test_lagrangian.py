@@ -166,3 +166,17 @@ def test_silent_networks_leave_the_start_as_it_is() -> None:
         torch.testing.assert_close(lagrangian.mass(q)[0], 2 * eye)
     got, want = (verlet_step(x, q, v, u, step=0.1, ready=x.prepare())[0] for x in (full, flat))
     torch.testing.assert_close(got, want)
+
+
+@many
+@given(seed=seeds, d=st.integers(1, 3))
+def test_polynomial_laws_lose_energy_and_stay_bounded(seed: int, d: int) -> None:
+    lagrangian = random_lagrangian(d, 0, seed, amount=0.2, terms="polynomial")
+    lagrangian.longest_step = 0.02
+    generator = torch.Generator().manual_seed(seed)
+    q, v = torch.randn(2, 3, d, dtype=torch.float64, generator=generator)
+    unit = float(lagrangian.time_unit_s)
+    path, speed = rollout(lagrangian, q, v / unit, torch.zeros(3, 60, 0), dt_s=0.1 * unit)
+    levels = torch.stack([energy(lagrangian, x, w * unit) for x, w in zip(path, speed, strict=True)])
+    rise = (levels[:, 1:] - levels[:, :-1]).max()
+    assert float(rise) <= 1e-4 * float(levels.abs().max())

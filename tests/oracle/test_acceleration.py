@@ -36,6 +36,8 @@ def euler_lagrange(lagrangian: Lagrangian, q: Tensor, v: Tensor, u: Tensor) -> T
         (4, 2, {"potential": "icnn", "mass": "constant"}),
         (2, 1, {"potential": "quadratic", "actuation": "linear", "damping": "constant"}),
         (3, 2, {"mass": "induced"}),
+        (1, 0, {"terms": "polynomial"}),
+        (3, 2, {"terms": "polynomial", "matrix_degree": 2}),
     ],
 )
 def test_acceleration_is_the_euler_lagrange_equation(d: int, n_inputs: int, changes: dict) -> None:

@@ -42,6 +42,21 @@ def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
     assert errors[-1] < 1e-3
 
 
+def test_polynomial_laws_are_integrated_to_the_fourth_order() -> None:
+    lagrangian = random_lagrangian(2, 2, 1, amount=0.1, terms="polynomial")
+    unit = float(lagrangian.time_unit_s)
+    q, v = 0.3 * torch.randn(2, 4, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    u = 0.3 * torch.rand(4, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    truth = exact(lagrangian, q, v, u, 0.5)
+    steps = np.array([0.1, 0.05, 0.025])
+    errors = []
+    for step in steps:
+        n = round(0.5 / step)
+        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, n + 1, -1), dt_s=float(step) * unit)
+        errors.append(float((path[:, -1] - truth).norm()))
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] > 3.7
+
+
 def test_uneven_steps_are_of_second_order_too_for_each_row_its_own() -> None:
     lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
     unit, rng = float(lagrangian.time_unit_s), np.random.default_rng(0)

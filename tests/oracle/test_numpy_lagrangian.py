@@ -26,6 +26,8 @@ PLAIN = {"mass": "constant", "damping": "constant", "potential": "quadratic", "a
         (2, 1, {"potential": "icnn"}),
         (1, 0, {"mass": "constant"}),
         (2, 0, PLAIN),
+        (1, 0, {"terms": "polynomial"}),
+        (3, 2, {"terms": "polynomial"}),
     ],
 )
 def test_a_batch_accelerates_as_the_torch_law(d: int, n_inputs: int, changes: dict) -> None:
@@ -45,8 +47,9 @@ def test_a_batch_accelerates_as_the_torch_law(d: int, n_inputs: int, changes: di
     )
 
 
-def test_its_rollouts_are_those_of_the_learned_law_in_pieces_too() -> None:
-    lagrangian = random_lagrangian(2, 0, 5)
+@pytest.mark.parametrize("terms", ["networks", "polynomial"])
+def test_its_rollouts_are_those_of_the_learned_law_in_pieces_too(terms: str) -> None:
+    lagrangian = random_lagrangian(2, 0, 5, terms=terms)
     lagrangian.longest_step = 0.1
     q, v = torch.randn(2, 3, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     wanted, speeds = rollout(lagrangian, q, v, torch.zeros(3, 40, 0), dt_s=0.025)

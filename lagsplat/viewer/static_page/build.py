@@ -15,7 +15,7 @@ from jinja2 import Template
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
-from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, SpdField
+from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, PolynomialSpd, SpdField
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
 from lagsplat.viewer.simulation.session import Session
 
@@ -67,13 +67,18 @@ def pack_page(session: Session) -> dict[str, Any]:
     """Pack the run of a session as plain data for JSON.
 
     Raises:
-        ValueError: the mass is induced by the decoder, which a page cannot compute.
+        ValueError: the mass is induced by the decoder or the law is polynomial: a page computes neither.
     """
     operating_point, recorded = session.operating_point, session.recorded
     law = make_fast_lagrangian(operating_point.law)
     if not isinstance(law, NumpyLagrangian):
         raise ValueError(
             "a page computes no mass that the decoder induces: export another run, or push this one with "
+            "lagsplat view"
+        )
+    if law.energy is not None:
+        raise ValueError(
+            "a page computes no law of polynomial terms: export a run of stage2=default, or push this with "
             "lagsplat view"
         )
     inputs = np.concatenate([recorded.u, operating_point.u.numpy()[None]])
@@ -117,7 +122,9 @@ def to_plain(value: Any) -> Any:
 
 
 def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
-    """Pack the numbers of a law under the names that ``assets/law.js`` reads."""
+    """Pack the numbers of a law of networks under the names that ``assets/law.js`` reads."""
+    assert not isinstance(law.mass, PolynomialSpd)
+    assert not isinstance(law.damping, PolynomialSpd)
     names = ("inner", "innerBias", "outer", "outerBias")
     packed = {
         "unit": law.unit_s,

@@ -1,0 +1,115 @@
+"""Windows, derivatives and normal equations of multiple shooting, by finite differences and dense solves."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.multiple_shooting import (
+    MultipleShooting,
+    ParameterVector,
+    choose_stretches,
+    cut_windows,
+    solve_normal,
+)
+from tests.stage2_problems import random_lagrangian
+
+DT_S = 0.02
+
+
+def trajectory(frames: int = 40) -> EncodedTrajectory:
+    time_s = DT_S * np.arange(frames)
+    latents = np.stack([np.sin(9.0 * time_s), np.cos(7.0 * time_s)], axis=1)
+    return EncodedTrajectory(latents, np.sin(3.0 * time_s)[:, None], time_s, ((0, 25), (25, frames)))
+
+
+def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torch.Tensor]:
+    lagrangian = random_lagrangian(2, 1, 3, amount=0.05, terms="polynomial")
+    motion = trajectory()
+    windows = cut_windows(motion, motion.segments, n=4, time_unit_s=0.1, longest_step=0.15)
+    shooting = MultipleShooting(
+        ParameterVector(lagrangian), windows, noise=np.full(2, 0.1), coupling=np.full(4, coupling)
+    )
+    starts = torch.from_numpy(np.concatenate([motion.latents, 0.0 * motion.latents], axis=1)[windows.frames])
+    return shooting, shooting.parameters.read(), starts
+
+
+def test_windows_follow_one_another_within_a_segment() -> None:
+    shooting, _, _ = problem()
+    assert shooting.windows.frames.tolist() == [0, 4, 8, 12, 16, 20, 25, 29, 33]
+    assert shooting.windows.linked.tolist() == [True] * 5 + [False] + [True] * 2 + [False]
+    assert shooting.windows.inputs.shape == (9, 4, 5, 1)
+    with pytest.raises(ValueError, match=r"25 frames and a window of the fit needs 31"):
+        cut_windows(trajectory(), trajectory().segments, n=30, time_unit_s=0.1, longest_step=1.0)
+
+
+def test_stretches_are_spread_over_the_recording() -> None:
+    assert choose_stretches([(0, 50), (60, 90)], frames=100) == [(0, 50), (60, 90)]
+    chosen = choose_stretches([(0, 1000), (1000, 4000)], frames=800)
+    assert chosen[0][0] == 0
+    assert chosen[-1][1] == 4000
+    assert sum(stop - start for start, stop in chosen) == 800
+    assert all(b <= c for (_, b), (c, _) in pairwise(chosen))
+
+
+def test_derivatives_are_those_of_the_rollout() -> None:
+    shooting, theta, starts = problem()
+    path = shooting.parameters.roll_out(theta, starts, shooting.windows)
+    by_start, by_theta = shooting.parameters.differentiate(theta, path, shooting.windows)
+    step = 1e-6
+    for k in (0, len(theta) // 2, len(theta) - 1):
+        away = torch.zeros_like(theta)
+        away[k] = step
+        ends = [
+            shooting.parameters.roll_out(theta + sign * away, starts, shooting.windows) for sign in (1, -1)
+        ]
+        torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_theta[..., k], rtol=1e-5, atol=1e-6)
+    away = torch.zeros_like(starts)
+    away[:, 3] = step
+    ends = [shooting.parameters.roll_out(theta, starts + sign * away, shooting.windows) for sign in (1, -1)]
+    torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_start[..., 3], rtol=1e-5, atol=1e-6)
+
+
+def test_elimination_gives_the_step_of_the_whole_system() -> None:
+    shooting, theta, starts = problem()
+    normal = shooting.assemble(theta, shooting.evaluate(theta, starts))
+    k, s = normal.states_gradient.shape
+    p = len(theta)
+    whole = np.zeros((k * s + p, k * s + p))
+    for i in range(k):
+        here, there = slice(i * s, (i + 1) * s), slice((i + 1) * s, (i + 2) * s)
+        whole[here, here] = normal.states[i]
+        if shooting.windows.linked[i]:
+            whole[here, there] = normal.link[i]
+            whole[there, here] = normal.link[i].T
+        whole[here, k * s :] = normal.mixed[i]
+        whole[k * s :, here] = normal.mixed[i].T
+    whole[k * s :, k * s :] = normal.law
+    gradient = np.concatenate([normal.states_gradient.ravel(), normal.law_gradient])
+    wanted = np.linalg.solve(whole + 1e-3 * np.diag(np.diag(whole)), -gradient)
+    step = solve_normal(normal, shooting.windows.linked, damping=1e-3)
+    assert step is not None
+    found = np.concatenate([step[0].numpy().ravel(), step[1].numpy()])
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
+
+
+def test_a_gradient_is_that_of_the_cost() -> None:
+    shooting, theta, starts = problem()
+    normal = shooting.assemble(theta, shooting.evaluate(theta, starts))
+    step = 1e-6
+    for k in (0, len(theta) - 1):
+        away = torch.zeros_like(theta)
+        away[k] = step
+        costs = [shooting.evaluate(theta + sign * away, starts).cost for sign in (1, -1)]
+        assert (costs[0] - costs[1]) / (2 * step) == pytest.approx(normal.law_gradient[k], rel=1e-4, abs=1e-4)
+
+
+def test_a_fit_lowers_the_cost_and_a_divergence_is_none() -> None:
+    shooting, theta, starts = problem()
+    before = shooting.evaluate(theta, starts).cost
+    fit = shooting.fit(starts, iterations=3)
+    assert fit.cost < 0.5 * before
+    assert 0 < fit.steps <= 3
+    assert shooting.evaluate(theta, starts * 1e200).cost == float("inf")
