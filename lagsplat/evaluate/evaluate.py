@@ -75,7 +75,7 @@ def make_run_subject(
 
 
 def describe_dynamics(lagrangian: Lagrangian) -> str:
-    """The kind of law: ``linear``, ``polynomial``, or ``nonlinear``, which names a mass that is not learned."""
+    """The kind of law: ``linear``, ``polynomial``, or ``nonlinear`` with a mass named that is not learned."""
     form = lagrangian.form
     if form.terms == "polynomial":
         return "polynomial"

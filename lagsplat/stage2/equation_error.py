@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.array_types import Matrix, Series
+from lagsplat.array_types import Series
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import SOFT_LIMIT, Coefficients, Floors, Lagrangian
@@ -25,6 +25,7 @@ LEAST_EIGENVALUE = 0.01  # of M and C, relative to their largest
 MARGIN = 4  # frames at either end of a segment, where a spline is not determined from both sides
 MASS_FLOOR, DAMPING_FLOOR = 3e-3, 1e-4  # of the mean eigenvalue at the start
 
+Matrix = Float64[np.ndarray, "d d"]
 Columns = Float64[np.ndarray, "T k d"]
 
 
