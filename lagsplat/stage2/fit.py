@@ -173,6 +173,27 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     return restore_module(lagrangian, tensors, path), header
 
 
+def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
+    """Make a polynomial law of higher degrees that is the same function as ``law``."""
+    eye = torch.eye(law.d, dtype=torch.float64)
+    grown = Lagrangian(
+        Coefficients(eye, eye, eye, eye.new_zeros(law.n_inputs, law.d), eye.new_zeros(law.d)),
+        form=form,
+        floors=law.floors,
+        time_unit_s=float(law.time_unit_s),
+        seed=seed,
+        longest_step=law.longest_step,
+    )
+    state = grown.state_dict()
+    for name, values in law.state_dict().items():
+        if name in ("energy.coefficients", "energy.input_coefficients"):
+            state[name].zero_()[..., : values.shape[-1]] = values  # they are in the order of degrees
+        else:
+            state[name] = values
+    grown.load_state_dict(state)
+    return grown
+
+
 def choose_time_unit(
     trajectory: EncodedTrajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
 ) -> float:
@@ -353,57 +374,83 @@ class DynamicsFit:
             fit.minimize(error, iterations=config.start.shooting_iterations)
 
     def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
-        """Fit a polynomial law, of lower degrees where the ones that are asked for forecast nothing.
+        """Fit a polynomial law by equation error and then by maximum likelihood.
+
+        Where the least squares of the degrees that are asked for forecast nothing, lower ones are the start,
+        and the law grows from them, degree by degree, as long as its forecasts improve.
 
         Raises:
             ValueError: no degree forecasts the clip better than its mean state does.
         """
         form = self.config.form
-        degrees = [(form.potential_degree, form.input_degree)]
-        while degrees[-1] != (2, 1):
-            degrees.append((max(2, degrees[-1][0] - 1), max(1, degrees[-1][1] - 1)))
-        for potential, inputs in degrees:
+        ladder = [form]
+        while (ladder[-1].potential_degree, ladder[-1].input_degree) != (2, 1):
+            potential, inputs = ladder[-1].potential_degree - 1, ladder[-1].input_degree - 1
+            ladder.append(replace(form, potential_degree=max(2, potential), input_degree=max(1, inputs)))
+        smooth = replace(self.trajectory, inputs=measured.inputs)
+        tried: list[FormConfig] = []
+        for lower in ladder:
             self.best.score = float("inf")
-            self._fit_polynomials(replace(form, potential_degree=potential, input_degree=inputs), measured)
+            self.lagrangian = fit_equation_error(smooth, lower, time_unit_s=self.time_unit_s, seed=self.seed)
+            self._choose_longest_step(measured)
+            self.score_candidate("start", 0, float("nan"))
             if self.best.score < MEAN_STATE:
-                return
-        raise ValueError(
-            f"no polynomial law of degree 2 to {form.potential_degree} forecasts the training clip better "
-            f"than its mean state (error {self.best.score:.3g} of its rms): the latents may be too noisy, or "
-            "no coordinates of a mechanism. Look at reconstruction.png and latent.png, or take stage2=default"
-        )
+                break
+            tried.append(lower)
+        self.report.scores["start"] = self.best.score
+        self._refine(measured, smooth)
+        for higher in reversed([form for form in tried if form != self.lagrangian.form]):
+            law, state, score = self.lagrangian, self.best.state, self.best.score
+            self.lagrangian = grow_law(law, higher, seed=self.seed)
+            self.best.score = float("inf")
+            self.score_candidate("start", 0, float("nan"))
+            self._refine(measured, smooth)
+            if self.best.score >= score:
+                self.lagrangian, self.best.state, self.best.score = law, state, score
+                break
+        self.report.scores["likelihood"] = self.best.score
+        if not self.best.score < MEAN_STATE:
+            raise ValueError(
+                f"no polynomial law of degree 2 to {form.potential_degree} forecasts the training clip "
+                f"better than its mean state (error {self.best.score:.3g} of its rms): the latents may be "
+                "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
+                "take stage2=default"
+            )
 
-    def _fit_polynomials(self, form: FormConfig, measured: EncodedTrajectory) -> None:
-        """Equation error first, then maximum likelihood on windows that grow and are coupled ever closer."""
-        likelihood, smooth = self.config.likelihood, replace(self.trajectory, inputs=measured.inputs)
-        law = fit_equation_error(smooth, form, time_unit_s=self.time_unit_s, seed=self.seed)
-        self.lagrangian = law
-        modes = linearize_modes(law, torch.from_numpy(measured.inputs.mean(0)))
+    def _choose_longest_step(self, measured: EncodedTrajectory) -> None:
+        """Let the fastest mode of the law decide into how many steps a frame is divided."""
+        modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
         fastest = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s).max()
         pieces = np.clip(math.ceil(fastest * measured.dt_s / LARGEST_PHASE), 1, MOST_PIECES)
-        law.longest_step = measured.dt_s / self.time_unit_s / int(pieces)
-        self.score_candidate("start", 0, float("nan"))
-        self.report.scores["start"] = self.best.score
+        self.lagrangian.longest_step = measured.dt_s / self.time_unit_s / int(pieces)
         oscillating = [f for f in modes.frequency_hz if f > 0]
-        period = 1.0 / (min(oscillating) * measured.dt_s) if oscillating else float(self.period_frames)
+        if oscillating:
+            self.period_frames = max(4, round(1.0 / (min(oscillating) * measured.dt_s)))
+
+    def _refine(self, measured: EncodedTrajectory, smooth: EncodedTrajectory) -> None:
+        """Fit the law to windows that grow and are coupled ever closer."""
+        likelihood = self.config.likelihood
         segments = choose_stretches(measured.segments, frames=likelihood.frames)
         longest = max(stop - start for start, stop in segments) - 1
         noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
         for share, coupling in LIKELIHOOD_LEGS:
-            n = int(np.clip(round(share * likelihood.periods * period), min(4, longest), longest))
+            n = round(share * likelihood.periods * self.period_frames)
             fitted = fit_windows(
-                law,
+                self.lagrangian,
                 measured,
                 smooth,
                 segments,
-                n=n,
+                n=int(np.clip(n, min(4, longest), longest)),
                 coupling=coupling,
                 noise=noise,
                 iterations=likelihood.iterations,
             )
-            noise = np.maximum(fitted.rms, LEAST_NOISE)
+            best = self.best.score
             self.score_candidate("likelihood", fitted.steps, fitted.cost)
-        self.report.scores["likelihood"] = self.best.score
+            if self.best.score < best:
+                noise = np.maximum(fitted.rms, LEAST_NOISE)
+            else:
+                self.best.restore(self.lagrangian)
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""

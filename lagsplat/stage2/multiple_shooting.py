@@ -242,7 +242,8 @@ class MultipleShooting:
         for _ in range(iterations):
             normal = self.assemble(theta, now)
             for _ in range(ATTEMPTS):
-                step = solve_normal(normal, self.windows.linked, damping=damping)
+                with np.errstate(all="ignore"):  # a step that overflows is refused
+                    step = solve_normal(normal, self.windows.linked, damping=damping)
                 if step is not None:
                     after = self.evaluate(theta + step[1], starts + step[0])
                     if after.cost < now.cost:
