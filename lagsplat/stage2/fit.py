@@ -263,10 +263,14 @@ class BestCheckpoint:
     def consider(self, lagrangian: Lagrangian, score: float) -> None:
         """Keep the parameters if the score is the best so far."""
         if score < self.score:
-            self.score = score
-            self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
+            self.keep(lagrangian, score)
         else:
             self.rejected += 1
+
+    def keep(self, lagrangian: Lagrangian, score: float) -> None:
+        """Keep the parameters, whatever their score."""
+        self.score = score
+        self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
 
     def restore(self, lagrangian: Lagrangian) -> None:
         """Put the best parameters back."""
@@ -280,6 +284,7 @@ LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
 MOST_PIECES = 4  # of a frame
+AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the law of higher likelihood is kept
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""
@@ -316,13 +321,14 @@ class DynamicsFit:
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
 
-    def score_candidate(self, stage: str, step: int, loss: float) -> None:
+    def score_candidate(self, stage: str, step: int, loss: float) -> float:
         """Score the law as it is, keep it if it is the best, and add it to the training curve."""
         score = self.validation.score(self.lagrangian)
         self.best.consider(self.lagrangian, score)
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
         self.on_candidate(row)
+        return score
 
     def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
         """Make the Lagrangian, with fitted or isotropic constant parts and networks that are zero."""
@@ -446,8 +452,10 @@ class DynamicsFit:
                 iterations=likelihood.iterations,
             )
             best = self.best.score
-            self.score_candidate("likelihood", fitted.steps, fitted.cost)
-            if self.best.score < best:
+            score = self.score_candidate("likelihood", fitted.steps, fitted.cost)
+            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper
+            if score < AS_GOOD * best:
+                self.best.keep(self.lagrangian, score)
                 noise = np.maximum(fitted.rms, LEAST_NOISE)
             else:
                 self.best.restore(self.lagrangian)
