@@ -14,7 +14,7 @@ need not be evenly spaced: ``dt_s`` is then their median spacing, and steps and 
 times. Inside the Lagrangian one time unit is ``time_unit_s`` seconds; it is stored with the dynamics.
 
 Inputs. ``u`` has shape ``(T, n_u)``; ``n_u = 0`` means an autonomous system. Chamber pressures are in atm.
-Input ``i`` is held over the step from frame ``i`` to frame ``i + 1``.
+Input ``i`` is held over the step from frame ``i`` to frame ``i + 1``, unless the law interpolates inputs.
 
 Axis names: ``T`` frames of a recording, ``N`` states of a rollout, ``B`` batch, ``K`` Gaussians, ``d`` latent
 dimension, ``n_u`` inputs, ``H`` rows, ``W`` columns.

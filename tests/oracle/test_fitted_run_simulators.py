@@ -37,9 +37,11 @@ def per_second(made: Lagrangian, where: OperatingRegion) -> np.ndarray:
     return made.acceleration(q, v, u).numpy() / UNIT**2
 
 
-@pytest.mark.parametrize(("d", "n_u"), [(1, 1), (2, 2), (2, 0)])
-def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int) -> None:
-    made, where = lagrangian(d, n_u), region(d, n_u)
+@pytest.mark.parametrize(
+    ("d", "n_u", "terms"), [(1, 1, "networks"), (2, 2, "networks"), (2, 0, "networks"), (2, 1, "polynomial")]
+)
+def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int, terms: str) -> None:
+    made, where = lagrangian(d, n_u, terms=terms), region(d, n_u)
     found = project_run(made, where, what="run")
     truth = per_second(made, where)
     wrong = found.model.acceleration(where.q, where.v, where.u) - truth
