@@ -24,7 +24,7 @@ class FormConfig:
     terms: str = "networks"  # or 'polynomial', for which none of the above counts
     potential_degree: int = 4  # of a polynomial potential
     input_degree: int = 3  # of the polynomial volume of each input
-    matrix_degree: int = 1  # of the factor of a polynomial M and C, which have twice this degree
+    matrix_degree: int = 1  # of the factor of a polynomial M and C, which have twice this degree; 0: constant
 
     def __post_init__(self) -> None:
         check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
@@ -33,7 +33,8 @@ class FormConfig:
         check.require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
         check.require_choice(self, "stage2.form", "terms", ("networks", "polynomial"))
         check.require_least(self, "stage2.form", 2, "potential_degree")
-        check.require_least(self, "stage2.form", 1, "input_degree", "matrix_degree")
+        check.require_least(self, "stage2.form", 1, "input_degree")
+        check.require_least(self, "stage2.form", 0, "matrix_degree")
         check.require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
         check.require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
         check.require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")

@@ -396,20 +396,18 @@ class DynamicsFit:
         smooth = replace(self.trajectory, inputs=measured.inputs)
         tried: list[FormConfig] = []
         for lower in ladder:
-            self.best.score = float("inf")
             self.lagrangian = fit_equation_error(smooth, lower, time_unit_s=self.time_unit_s, seed=self.seed)
-            self._choose_longest_step(measured)
-            self.score_candidate("start", 0, float("nan"))
+            self._set_time_scales(measured)
+            self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
             if self.best.score < MEAN_STATE:
                 break
             tried.append(lower)
         self.report.scores["start"] = self.best.score
         self._refine(measured, smooth)
-        for higher in reversed([form for form in tried if form != self.lagrangian.form]):
+        for higher in reversed([other for other in tried if other != self.lagrangian.form]):
             law, state, score = self.lagrangian, self.best.state, self.best.score
             self.lagrangian = grow_law(law, higher, seed=self.seed)
-            self.best.score = float("inf")
-            self.score_candidate("start", 0, float("nan"))
+            self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
             self._refine(measured, smooth)
             if self.best.score >= score:
                 self.lagrangian, self.best.state, self.best.score = law, state, score
@@ -423,8 +421,8 @@ class DynamicsFit:
                 "take stage2=default"
             )
 
-    def _choose_longest_step(self, measured: EncodedTrajectory) -> None:
-        """Let the fastest mode of the law decide into how many steps a frame is divided."""
+    def _set_time_scales(self, measured: EncodedTrajectory) -> None:
+        """Let the fastest mode decide how many steps divide a frame, the slowest how long windows are."""
         modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
         fastest = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s).max()
         pieces = np.clip(math.ceil(fastest * measured.dt_s / LARGEST_PHASE), 1, MOST_PIECES)

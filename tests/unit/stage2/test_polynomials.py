@@ -59,3 +59,11 @@ def test_a_field_starts_as_its_matrix_and_stays_positive(d: int) -> None:
         field.coefficients.normal_(generator=torch.Generator().manual_seed(1))
     values = np.linalg.eigvalsh(field.matrix(q).detach().numpy())
     assert values.min() >= 0.05 * (1 - 1e-9)
+
+
+def test_a_field_of_degree_zero_is_its_matrix_everywhere() -> None:
+    start = torch.eye(2, dtype=torch.float64) + 0.3
+    field = PolynomialField(start, floor=0.05, degree=0, reach=4.0)
+    q, v, force = torch.randn(3, 5, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    torch.testing.assert_close(field.product(q, v), v @ start)
+    torch.testing.assert_close(field.accelerate(q, v, force), torch.linalg.solve(start, force.T).T)
