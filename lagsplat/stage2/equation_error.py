@@ -18,6 +18,7 @@ from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import SOFT_LIMIT, Coefficients, Floors, Lagrangian
 from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
 
+# The numbers below were set by hand, with the simulated arm of one segment in view.
 MOST_STATES = 3000
 ROUNDS = 3  # of least squares, each with the weight of the one before
 RIDGE = 1e-6  # relative to the mean square of each column
@@ -35,6 +36,12 @@ def fit_equation_error(
     """Fit a polynomial law to the accelerations of a smoothed trajectory, with inputs as measured.
 
     A smoothed input would look like inertia: a Gaussian of one frame adds half a squared frame to ``M / K``.
+
+    Args:
+        trajectory: smoothed states, and inputs that are not smoothed.
+        form: degrees of the polynomials; mass and damping are constant in this fit.
+        time_unit_s: internal unit of time of the law [s].
+        seed: of the law, which has no random weights where it is polynomial.
 
     Raises:
         ValueError: no segment is long enough for accelerations.

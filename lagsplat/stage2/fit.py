@@ -280,11 +280,15 @@ class BestCheckpoint:
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
 LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
-"""Length of the windows, as a share of the final one, and their coupling, in each leg of a likelihood fit."""
+"""Length of the windows, as a share of the final one, and their coupling, in each leg of a likelihood fit.
+
+Set by hand at 324f7c3 with the simulated arm of one segment in view.
+"""
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
 MOST_PIECES = 4  # of a frame
 AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the law of higher likelihood is kept
+# (by hand, with the rocking chair in view)
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""

@@ -27,6 +27,7 @@ from lagsplat.stage2.rollout import advance_under, interpolate_inputs, split_inp
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] at the start of each window
 Paths = Float[Tensor, "K n s"]
 
+# The numbers below were set by hand, with the simulated arm of one segment in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
 CHUNK = 4096  # states whose derivatives are taken at once
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9

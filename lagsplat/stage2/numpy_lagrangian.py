@@ -12,6 +12,7 @@ from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
 from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
 from lagsplat.stage2.rollout import split_inputs
+from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 States = Float64[np.ndarray, "*B d"]
 Inputs = Float64[np.ndarray, "*B n_u"]
@@ -121,21 +122,24 @@ class NumpyLagrangian:
         pieces = split_inputs(step, self.longest_step)
         h = step / pieces
         for _ in range(pieces):
-            a = self.acceleration(q, w, u, load)
             if self.integrator == "runge_kutta":
-                w2 = w + 0.5 * h * a
-                a2 = self.acceleration(q + 0.5 * h * w, w2, u, load)
-                w3 = w + 0.5 * h * a2
-                a3 = self.acceleration(q + 0.5 * h * w2, w3, u, load)
-                w4 = w + h * a3
-                a4 = self.acceleration(q + h * w3, w4, u, load)
-                q = q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-                w = w + h / 6.0 * (a + 2.0 * (a2 + a3) + a4)
+                q, w = self._take_runge_kutta_step(q, w, u, load, h)
                 continue
+            a = self.acceleration(q, w, u, load)
             half = w + (0.5 * h) * a
             q = q + h * half
             w = half + (0.5 * h) * self.acceleration(q, half + (0.5 * h) * a, u, load)
         return q, w
+
+    def _take_runge_kutta_step(
+        self, q: States, w: States, u: Inputs | None, load: States | float, h: float
+    ) -> tuple[States, States]:
+        def rate(state: States, _: None) -> States:
+            x, speed = state[..., : self.d], state[..., self.d :]
+            return np.concatenate([speed, self.acceleration(x, speed, u, load)], axis=-1)
+
+        state = take_runge_kutta_step(rate, np.concatenate([q, w], axis=-1), h, (None, None, None))
+        return state[..., : self.d], state[..., self.d :]
 
     def _push(self, q: States) -> tuple[States, list[np.ndarray]]:
         image, hidden = q, []

@@ -30,6 +30,11 @@ def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]
 def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, reach: float) -> Monomials:
     """Values and gradients at ``q`` of monomials of ``s = reach tanh(q / reach)``.
 
+    Args:
+        q: states [whitened units].
+        exponents: powers of each coordinate, one row a monomial, from `list_exponents`.
+        reach: soft limit of the states [whitened units].
+
     Example:
         >>> import torch
         >>> from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
@@ -64,8 +69,7 @@ class PolynomialEnergy(nn.Module):
     """``U(q, u) = ridge |q|^2 / 2 + V(s) - u.nu(s)`` with polynomials ``V`` and ``nu`` in their coefficients.
 
     ``ridge`` is the stiffness that is left far outside the data, where the polynomials are constant: every
-    motion is bounded. Equilibria inside the data are as many as the coefficients say; `lagsplat.stage2.fit`
-    counts them.
+    motion is bounded. Inside the data there may be several equilibria; nothing counts them.
 
     Args:
         d, n_inputs: coordinates and inputs.

@@ -11,6 +11,7 @@ from torch import Tensor
 from lagsplat.array_types import Inputs, Latents
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
+from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 Steps = float | Float[Tensor, "*B n"]
 """Lengths of the steps of a rollout: one for all, one per step, or one per sample and step."""
@@ -128,20 +129,14 @@ def runge_kutta_step(
     step: Step,
     ready: PreparedCoefficients,
 ) -> tuple[Latents, Latents]:
-    """Make one classical Runge-Kutta step with the inputs at its start, middle and end.
+    """Make one classical Runge-Kutta step with the inputs at its start, middle and end."""
 
-    Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
-    """
-    half = 0.5 * step
-    a1 = lagrangian.acceleration(q, v, u[0], ready=ready)
-    v2 = v + half * a1
-    a2 = lagrangian.acceleration(q + half * v, v2, u[1], ready=ready)
-    v3 = v + half * a2
-    a3 = lagrangian.acceleration(q + half * v2, v3, u[1], ready=ready)
-    v4 = v + step * a3
-    a4 = lagrangian.acceleration(q + step * v3, v4, u[2], ready=ready)
-    q_next = q + step / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-    return q_next, v + step / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    def rate(state: Float[Tensor, "B s"], inputs: Inputs) -> Float[Tensor, "B s"]:
+        x, w = state[:, : lagrangian.d], state[:, lagrangian.d :]
+        return torch.cat([w, lagrangian.acceleration(x, w, inputs, ready=ready)], 1)
+
+    state = take_runge_kutta_step(rate, torch.cat([q, v], 1), step, u)
+    return state[:, : lagrangian.d], state[:, lagrangian.d :]
 
 
 def verlet_step(

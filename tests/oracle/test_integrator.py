@@ -25,18 +25,23 @@ def exact(lagrangian, q: Tensor, v: Tensor, u: Tensor, end: float) -> Tensor:
         return odeint(rate, torch.cat([q, v], 1), times, rtol=1e-10, atol=1e-12)[-1, :, :d]
 
 
-def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
-    lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
-    unit = float(lagrangian.time_unit_s)
-    q, v = 0.5 * torch.randn(2, 4, 3, dtype=torch.float64)
-    u = torch.rand(4, 2, dtype=torch.float64)
-    truth = exact(lagrangian, q, v, u, 0.5)
-    steps = np.array([0.02, 0.01, 0.005])
+def errors_of_steps(lagrangian, q: Tensor, v: Tensor, u: Tensor, steps: np.ndarray) -> list[float]:
+    """Distance from `exact` after half a time unit, for each length of the steps."""
+    unit, truth = float(lagrangian.time_unit_s), exact(lagrangian, q, v, u, 0.5)
     errors = []
     for step in steps:
-        n = round(0.5 / step)
-        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, n + 1, -1), dt_s=float(step) * unit)
+        held = u[:, None].expand(-1, round(0.5 / step) + 1, -1)
+        path, _ = rollout(lagrangian, q, v / unit, held, dt_s=float(step) * unit)
         errors.append(float((path[:, -1] - truth).norm()))
+    return errors
+
+
+def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
+    lagrangian = random_lagrangian(3, 2, 1, amount=0.2)
+    q, v = 0.5 * torch.randn(2, 4, 3, dtype=torch.float64)
+    u = torch.rand(4, 2, dtype=torch.float64)
+    steps = np.array([0.02, 0.01, 0.005])
+    errors = errors_of_steps(lagrangian, q, v, u, steps)
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert abs(slope - 2.0) < 0.15
     assert errors[-1] < 1e-3
@@ -44,16 +49,10 @@ def test_error_against_dopri5_falls_as_the_square_of_the_step() -> None:
 
 def test_polynomial_laws_are_integrated_to_the_fourth_order() -> None:
     lagrangian = random_lagrangian(2, 2, 1, amount=0.1, terms="polynomial")
-    unit = float(lagrangian.time_unit_s)
     q, v = 0.3 * torch.randn(2, 4, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     u = 0.3 * torch.rand(4, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    truth = exact(lagrangian, q, v, u, 0.5)
     steps = np.array([0.1, 0.05, 0.025])
-    errors = []
-    for step in steps:
-        n = round(0.5 / step)
-        path, _ = rollout(lagrangian, q, v / unit, u[:, None].expand(-1, n + 1, -1), dt_s=float(step) * unit)
-        errors.append(float((path[:, -1] - truth).norm()))
+    errors = errors_of_steps(lagrangian, q, v, u, steps)
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] > 3.7
 
 

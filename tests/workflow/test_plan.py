@@ -80,9 +80,7 @@ def planned(folder: Path, *arguments: str) -> str:
 def test_every_target_plans(tmp_path: Path, profile: str) -> None:
     system = "toy" if profile == "toy" else "krauss_2seg"
     targets = [target.format(profile=profile, system=system) for target in TARGETS]
-    # two systems of the profile: an arm, and one that is extrapolated
-    few = "" if profile == "toy" else "systems=[krauss_2seg,rainbow_rocker] extrapolated=[rainbow_rocker]"
-    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile} {few}")
+    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile}")
     for rule in (
         "simulate",
         "stage1",
@@ -142,8 +140,7 @@ def test_a_file_takes_the_place_of_a_simulation(tmp_path: Path) -> None:
     told = planned(tmp_path, "results/tables/krauss.tex", "--config", f"hydra={file} systems=[krauss_2seg]")
     assert "\ningest " in told
     assert "\nsimulate " not in told
-    both = "hydra=systems=[krauss_1seg,krauss_2seg]"
-    told = planned(tmp_path, "results/tables/krauss.tex", "--config", both, f"hydra_krauss_2seg={file}")
+    told = planned(tmp_path, "results/tables/krauss.tex", "--config", f"hydra_krauss_2seg={file}")
     assert "\ningest " in told
     assert "\nsimulate " in told
 
@@ -243,7 +240,7 @@ def test_five_forecasters_stand_in_the_paper_profile_and_the_authors_only_where_
     tmp_path: Path,
 ) -> None:
     target = "results/tables/extrapolation.tex"
-    config = "hydra=profile=paper systems=[rainbow_rocker] extrapolated=[rainbow_rocker] spatial=[]"
+    config = "hydra=profile=paper extrapolated=[rainbow_rocker]"
     found = counts(planned(tmp_path, target, "--config", config))
     assert (found["forecaster"], found["extrapolate_forecaster"], found["extrapolate"]) == (5, 5, 5)
     assert "authors" not in found

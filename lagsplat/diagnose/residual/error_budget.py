@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import ERROR_BUDGET
 from lagsplat.diagnose.mechanics.model import Mechanics
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
-from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
+from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 
 @dataclass(frozen=True)

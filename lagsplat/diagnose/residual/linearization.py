@@ -16,7 +16,7 @@ from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import LATENT_FORCE
 from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
-from lagsplat.diagnose.solvers.runge_kutta import take_runge_kutta_step
+from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 DIFFERENCE_STEP = 1e-5
 """Step of central differences, over the scale of a coordinate: about the cube root of the precision."""

@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method: compiled rollouts of a simulator with added forces, and a NumPy step.
+"""The classical Runge-Kutta method: compiled rollouts of a simulator with added forces.
 
 A batch is ``P`` sets of parameters times ``W`` windows of a recording. An added force acts along a direction
 ``p``: with ``s = p.(q - rest)`` its law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is
@@ -9,7 +9,6 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, no_type_check
 
 import numpy as np
@@ -27,25 +26,6 @@ MEMORY_SIGNATURE = types.void(
 DIVERGED_SCALES = 1e6  # distance from rest beyond which a rollout has diverged [scale of the coordinate]
 MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
 MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not positive gives no NaN
-
-
-def take_runge_kutta_step(
-    rate: Callable[[np.ndarray, Any], np.ndarray],
-    state: np.ndarray,
-    step: np.ndarray,
-    points: tuple[Any, Any, Any],
-) -> np.ndarray:
-    """The state one step of ``d state/dt = rate(state, point)`` later, for any shape.
-
-    ``step`` [s] broadcasts to ``state``; ``points`` are what ``rate`` takes besides the state (times or
-    inputs) at the step's start, middle and end.
-    """
-    start, middle, end = points
-    k1 = rate(state, start)
-    k2 = rate(state + 0.5 * step * k1, middle)
-    k3 = rate(state + 0.5 * step * k2, middle)
-    k4 = rate(state + step * k3, end)
-    return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
 def compile_force_law(function: Any) -> Any:
