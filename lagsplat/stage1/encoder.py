@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
+from scipy.ndimage import gaussian_filter
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -79,6 +80,8 @@ def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None
 BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
 NEIGHBORS = 15  # nearest frames, between which geodesic distances are summed
 COMPARED_PX = 48  # longer side of the frames that are compared
+BLURRED_SHARE = 1 / 12  # standard deviation of the blur with which they are compared, in that side
+SPARE_AXES = 4  # geodesic axes beyond those asked for, which may repeat an axis before
 RIDGE = 1e-4  # regularisation of the readout, relative to the strongest feature
 
 
@@ -118,13 +121,21 @@ def draw_smooth_filters(encoder: Encoder) -> None:
 
 
 def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, "B d"]:
-    """Coordinates whose Euclidean distances are geodesic along the video, with zero mean and unit variance.
+    """Straight coordinates of geodesic distances along the video, with zero mean and unit variance.
 
-    Source: Isomap, Tenenbaum et al. 2000, doi:10.1126/science.290.5500.2319.
+    Images are blurred before they are compared: the distance between sharp images of an object stops growing
+    once it has moved by its own width, and what is saturated looks curved. Curvature that remains makes the
+    second geodesic coordinate a square of the first. So each coordinate is the largest part of the geodesic
+    ones that is no quadratic function of the coordinates before it.
+
+    Source: Isomap, Tenenbaum et al. 2000, doi:10.1126/science.290.5500.2319; repeated directions, Dsilva et
+    al. 2018, doi:10.1016/j.acha.2015.06.008.
     """
     shrink = min(1.0, COMPARED_PX / max(images.shape[2:]))
     size = [max(1, round(shrink * side)) for side in images.shape[2:]]
-    pixels = functional.interpolate(images, size=size, mode="area").flatten(1).double().cpu().numpy()
+    small = functional.interpolate(images, size=size, mode="area").double().cpu().numpy()
+    blurred = gaussian_filter(small, BLURRED_SHARE * max(size), axes=(2, 3))
+    pixels = blurred.reshape(len(blurred), -1)
     distinct = len(np.unique(pixels, axis=0))
     n_axes = min(d, distinct - 1)
     coordinates = np.zeros((len(pixels), d))
@@ -133,7 +144,20 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
 
         # The dense solver, because the iterative solver starts from a random vector.
         near = min(NEIGHBORS, len(pixels) - 1)
-        isomap = Isomap(n_neighbors=near, n_components=n_axes, eigen_solver="dense")
-        found = isomap.fit_transform(pixels)
-        coordinates[:, :n_axes] = (found - found.mean(0)) / np.maximum(found.std(0), 1e-12)
+        n_components = min(d + SPARE_AXES, distinct - 1)
+        isomap = Isomap(n_neighbors=near, n_components=n_components, eigen_solver="dense")
+        coordinates[:, :n_axes] = straighten_coordinates(isomap.fit_transform(pixels), n_axes)
+    return coordinates
+
+
+def straighten_coordinates(embedded: Float64[np.ndarray, "B n"], d: int) -> Float64[np.ndarray, "B d"]:
+    """Coordinates of unit variance, each the principal part of what quadratics of those before leave."""
+    left, coordinates = embedded - embedded.mean(0), np.zeros((len(embedded), 0))
+    for _ in range(d):
+        _, _, axes = np.linalg.svd(left, full_matrices=False)
+        found = left @ axes[0]
+        coordinates = np.c_[coordinates, (found - found.mean()) / max(found.std(), 1e-12)]
+        products = coordinates[:, :, None] * coordinates[:, None]
+        columns = np.c_[np.ones(len(found)), coordinates, products.reshape(len(found), -1)]
+        left = embedded - columns @ np.linalg.lstsq(columns, embedded, rcond=None)[0]
     return coordinates

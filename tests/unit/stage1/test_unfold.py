@@ -45,6 +45,19 @@ def test_geodesic_coordinates_are_positions_along_the_motion(motion):
     assert coordinates.std() == pytest.approx(1)
 
 
+def test_the_second_coordinate_is_no_square_of_the_first():
+    """A spot that moves far along an arc and little across it: only blurred distances see the little."""
+    rng = np.random.default_rng(1)
+    angle, radius = rng.uniform(-1, 1, 500), rng.uniform(-2, 2, 500)
+    rows, columns = np.mgrid[:40, :40] + 0.5
+    x, y = 20 + (16 + radius) * np.sin(angle), 2 + (16 + radius) * np.cos(angle) + 8
+    spots = [np.exp(-((columns - a) ** 2 + (rows - b) ** 2) / 8) for a, b in zip(x, y, strict=True)]
+    images = torch.as_tensor(np.repeat(0.3 + 0.6 * np.stack(spots)[:, None], 3, axis=1), dtype=torch.float32)
+    first, second = compute_geodesic_coordinates(images, 2).T
+    assert abs(np.corrcoef(first, angle)[0, 1]) > 0.98
+    assert abs(np.corrcoef(second, radius)[0, 1]) > 0.9
+
+
 def test_the_start_is_the_same_for_the_same_seed(motion):
     _, images = motion
     weights = []
