@@ -93,16 +93,30 @@ def initialize_encoder(encoder: Encoder, images: Images) -> None:
     geodesic coordinates of the images. With fewer distinct images than axes the others start at zero.
     """
     draw_smooth_filters(encoder)
+    fit_readout(encoder, images, compute_geodesic_coordinates(images, encoder.head.out_features))
+
+
+@torch.no_grad()
+def straighten_encoder(encoder: Encoder, images: Images) -> None:
+    """Straighten the latents of the images by the linear layer, in place, and keep their scales."""
+    latents = encoder(images).double().cpu().numpy()
+    target = straighten_coordinates(latents)
+    fit_readout(encoder, images, latents.mean(0) + target)
+
+
+@torch.no_grad()
+def fit_readout(encoder: Encoder, images: Images, target: Float64[np.ndarray, "B d"]) -> None:
+    """Set the linear layer, in place, to the least-squares map from the features of images to ``target``."""
     features = encoder.features(images).double()
-    mean = features.mean(0)
+    mean, middle = features.mean(0), torch.as_tensor(target.mean(0)).to(features)
     features = features - mean
-    target = torch.as_tensor(compute_geodesic_coordinates(images, encoder.head.out_features))
     gram = features.T @ features
     scale = max(float(torch.linalg.eigvalsh(gram)[-1]), 1e-30)
-    identity = torch.eye(len(gram), dtype=gram.dtype)
-    weight = torch.linalg.solve(gram + RIDGE * scale * identity, features.T @ target.to(gram)).T
+    identity = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
+    aim = features.T @ (torch.as_tensor(target).to(features) - middle)
+    weight = torch.linalg.solve(gram + RIDGE * scale * identity, aim).T
     encoder.head.weight.copy_(weight)
-    encoder.head.bias.copy_(-weight @ mean)
+    encoder.head.bias.copy_(middle - weight @ mean)
 
 
 @torch.no_grad()
@@ -146,18 +160,25 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
         near = min(NEIGHBORS, len(pixels) - 1)
         n_components = min(d + SPARE_AXES, distinct - 1)
         isomap = Isomap(n_neighbors=near, n_components=n_components, eigen_solver="dense")
-        coordinates[:, :n_axes] = straighten_coordinates(isomap.fit_transform(pixels), n_axes)
+        embedded = isomap.fit_transform(pixels)
+        left = embedded - embedded.mean(0)
+        for k in range(n_axes):
+            found = left @ np.linalg.svd(left, full_matrices=False)[2][0]
+            coordinates[:, k] = (found - found.mean()) / max(found.std(), 1e-12)
+            columns = _quadratics(coordinates[:, : k + 1])
+            left = embedded - columns @ np.linalg.lstsq(columns, embedded, rcond=None)[0]
     return coordinates
 
 
-def straighten_coordinates(embedded: Float64[np.ndarray, "B n"], d: int) -> Float64[np.ndarray, "B d"]:
-    """Coordinates of unit variance, each the principal part of what quadratics of those before leave."""
-    left, coordinates = embedded - embedded.mean(0), np.zeros((len(embedded), 0))
-    for _ in range(d):
-        _, _, axes = np.linalg.svd(left, full_matrices=False)
-        found = left @ axes[0]
-        coordinates = np.c_[coordinates, (found - found.mean()) / max(found.std(), 1e-12)]
-        products = coordinates[:, :, None] * coordinates[:, None]
-        columns = np.c_[np.ones(len(found)), coordinates, products.reshape(len(found), -1)]
-        left = embedded - columns @ np.linalg.lstsq(columns, embedded, rcond=None)[0]
-    return coordinates
+def straighten_coordinates(z: Float64[np.ndarray, "B d"]) -> Float64[np.ndarray, "B d"]:
+    """Centred coordinates, each less the best quadratic function of those before."""
+    straight = z - z.mean(0)
+    for k in range(1, z.shape[1]):
+        columns = _quadratics(straight[:, :k])
+        straight[:, k] -= columns @ np.linalg.lstsq(columns, straight[:, k], rcond=None)[0]
+    return straight
+
+
+def _quadratics(z: Float64[np.ndarray, "B k"]) -> Float64[np.ndarray, "B n"]:
+    products = z[:, :, None] * z[:, None]
+    return np.c_[np.ones(len(z)), z, products.reshape(len(z), -1)]

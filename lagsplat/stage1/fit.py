@@ -15,14 +15,15 @@ from lagsplat.splat.image_model import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due
-from lagsplat.stage1.encoder import measure_small_moves
-from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.encoder import measure_small_moves, straighten_encoder
+from lagsplat.stage1.gaussian_initialization import SAMPLE, initialize_gaussians
 from lagsplat.stage1.objective import NovelViewTargets, make_optimizer, reconstruct, set_rates
 from lagsplat.stage1.training import run_training
 from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
+STRAIGHTENED_AT = (0.2, 0.35, 0.5, 0.65)  # of the steps: training bends the latents again, ever less
 PROBED = 16  # frames of a batch on which the step of the latents is measured
 
 
@@ -69,12 +70,17 @@ def fit_autoencoder(
     optimizer = make_optimizer(autoencoder, config.rate)
     curve = load_training_state(checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity)
     recycled = 0
+    free = latents is None and config.d > 1 and config.init.encoder == "unfolded"
+    straightened = {round(share * config.steps) for share in STRAIGHTENED_AT if free}
 
     def take_step(step: int) -> np.ndarray:
         nonlocal recycled
         rng = np.random.default_rng([seed, step])
         picked = rng.integers(len(footage), size=config.batch)
         batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
+        if step in straightened:
+            sample = np.sort(np.random.default_rng(seed).permutation(len(footage))[:SAMPLE])
+            straighten_encoder(autoencoder.encoder, footage.images(sample))
         set_rates(optimizer, config.rate, step=step, steps=config.steps)
         terms = train_step(autoencoder, optimizer, batch, config, step, known, sides)
         if is_due(config.lifecycle, step=step, steps=config.steps):

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,7 +26,6 @@ from lagsplat.io.files.artifact import load_artifact, restore_module, save_artif
 from lagsplat.stage2 import objective
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
-from lagsplat.stage2.equation_error import fit_equation_error
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes, linearize_modes
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
@@ -38,6 +38,7 @@ from lagsplat.stage2.rollout import (
     list_starts,
     rollout,
 )
+from lagsplat.stage2.weak_form import fit_weak_form
 
 KIND = "dynamics"
 SCHEMA = 3
@@ -284,6 +285,7 @@ LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
 
 Set by hand at 324f7c3 with the simulated arm of one segment in view.
 """
+BUMP_SHARES = (0.1, 0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
 MOST_PIECES = 4  # of a frame
@@ -384,10 +386,10 @@ class DynamicsFit:
             fit.minimize(error, iterations=config.start.shooting_iterations)
 
     def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
-        """Fit a polynomial law by equation error and then by maximum likelihood.
+        """Fit a polynomial law by its weak form and then by maximum likelihood.
 
-        Where the least squares of the degrees that are asked for forecast nothing, lower ones are the start,
-        and the law grows from them, degree by degree, as long as its forecasts improve.
+        The start has the degrees with which the weak form forecasts best. The law grows from them to those
+        that are asked for, degree by degree, as long as its forecasts improve.
 
         Raises:
             ValueError: no degree forecasts the clip better than its mean state does.
@@ -398,17 +400,11 @@ class DynamicsFit:
             potential, inputs = ladder[-1].potential_degree - 1, ladder[-1].input_degree - 1
             ladder.append(replace(form, potential_degree=max(2, potential), input_degree=max(1, inputs)))
         smooth = replace(self.trajectory, inputs=measured.inputs)
-        tried: list[FormConfig] = []
-        for lower in ladder:
-            self.lagrangian = fit_equation_error(smooth, lower, time_unit_s=self.time_unit_s, seed=self.seed)
-            self._set_time_scales(measured)
-            self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
-            if self.best.score < MEAN_STATE:
-                break
-            tried.append(lower)
+        self._start_from_weak_form(measured, ladder)
+        tried = ladder[: ladder.index(self.lagrangian.form)]
         self.report.scores["start"] = self.best.score
         self._refine(measured, smooth)
-        for higher in reversed([other for other in tried if other != self.lagrangian.form]):
+        for higher in reversed(tried):
             law, state, score = self.lagrangian, self.best.state, self.best.score
             self.lagrangian = grow_law(law, higher, seed=self.seed)
             self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
@@ -424,6 +420,22 @@ class DynamicsFit:
                 "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
                 "take stage2=default"
             )
+
+    def _start_from_weak_form(self, measured: EncodedTrajectory, ladder: Sequence[FormConfig]) -> None:
+        """Keep the law that forecasts best of those with these degrees and with bumps of several widths."""
+        longest = max(stop - start for start, stop in measured.segments)
+        widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
+        fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
+        laws = []
+        for form, width in product(ladder, fitting):
+            unit = self.time_unit_s
+            law = fit_weak_form(measured, form, half_width=width, time_unit_s=unit, seed=self.seed)
+            self.lagrangian = law
+            self._set_time_scales(measured)
+            laws.append((self.score_candidate("start", width, float("nan")), law))
+        score, self.lagrangian = min(laws, key=lambda row: row[0])
+        self._set_time_scales(measured)
+        self.best.keep(self.lagrangian, score)
 
     def _set_time_scales(self, measured: EncodedTrajectory) -> None:
         """Let the fastest mode decide how many steps divide a frame, the slowest how long windows are."""

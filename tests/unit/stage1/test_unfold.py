@@ -9,7 +9,9 @@ from lagsplat.stage1.encoder import (
     Encoder,
     compute_geodesic_coordinates,
     draw_smooth_filters,
+    fit_readout,
     initialize_encoder,
+    straighten_encoder,
 )
 
 
@@ -101,3 +103,19 @@ def test_large_frames_are_compared_small():
     images = travelling_blob(positions, height=120, width=200)
     coordinates = compute_geodesic_coordinates(images, 1)[:, 0]
     assert abs(spearmanr(positions, coordinates).statistic) > 0.98
+
+
+def test_straightening_removes_the_square_and_keeps_the_scale(motion):
+    _, images = motion
+    torch.manual_seed(0)
+    encoder = Encoder(2, kernel=12, channels=8)
+    s = compute_geodesic_coordinates(images, 1)
+    bent = np.c_[s, 0.5 * s**2 + 0.1 * np.sin(9 * s)]
+    draw_smooth_filters(encoder)
+    fit_readout(encoder, images, bent)
+    before = encoder(images).detach().numpy()
+    straighten_encoder(encoder, images)
+    after = encoder(images).detach().numpy()
+    assert abs(np.corrcoef(before[:, 0] ** 2, before[:, 1])[0, 1]) > 0.8
+    assert abs(np.corrcoef(after[:, 0] ** 2, after[:, 1])[0, 1]) < 0.1
+    np.testing.assert_allclose(after[:, 0], before[:, 0], atol=0.05)

@@ -1,0 +1,280 @@
+"""Start of a polynomial law: least squares on the weak form of its equation of motion.
+
+``M a + C v + grad V(q) - u.grad nu(q) = 0`` is multiplied by a bump ``phi`` and integrated by parts: ``a``
+becomes ``q phi''`` and ``v`` becomes ``-q phi'``, so that no noisy series is differentiated. It is linear in
+constant ``M`` and ``C`` and in the coefficients of the polynomials. Errors are measured as displacements:
+forces are divided by the mean loaded stiffness, which depends on the coefficients, so that the least squares
+are nonlinear. Divided by anything fixed, a direction of little motion would lose its stiffness, its mass and
+its inputs together, for then its balance holds without error. A motion that only follows its inputs still
+gives the law's static part, and noise counts little in stiff directions. ``M`` and ``C`` are positive
+definite by their factors.
+
+Source: Messenger and Bortz 2021, DOI 10.1137/20M1343166 (weak form, bumps).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
+
+from lagsplat.array_types import Series
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.lagrangian import SOFT_LIMIT, Coefficients, Floors, Lagrangian
+from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
+
+BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
+MOST_BUMPS = 2000
+MOST_STEPS, CONVERGED = 60, 1e-6
+RIDGE = 1e-6  # on coefficients, with columns of unit size
+STIFFNESS_STATES = 400  # over which the loaded stiffness is averaged
+FIRST_FACTOR = 0.1  # of M and C, where the stiffness is 1
+MASS_FLOOR, DAMPING_FLOOR = 3e-3, 1e-4  # of the mean eigenvalue at the start
+
+Matrix = Float64[np.ndarray, "d d"]
+Columns = Float64[np.ndarray, "T k d"]
+
+
+def fit_weak_form(
+    trajectory: EncodedTrajectory, form: FormConfig, *, half_width: int, time_unit_s: float, seed: int
+) -> Lagrangian:
+    """Fit a polynomial law to a trajectory as encoded, not smoothed.
+
+    Args:
+        trajectory: states and inputs as measured; a smoothed input would look like inertia.
+        form: degrees of the polynomials; mass and damping are constant in this fit.
+        half_width: of a bump [frames]: a third to two thirds of a period average the most noise.
+        time_unit_s: internal unit of time of the law [s].
+        seed: of the law, which has no random weights where it is polynomial.
+
+    Raises:
+        ValueError: no segment is as long as a bump.
+    """
+    d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
+    exponents = list_exponents(d, lowest=1, highest=form.potential_degree)
+    input_exponents = list_exponents(d, lowest=1, highest=form.input_degree)
+    static, inertia, viscous, q, u = _integrate(
+        trajectory, exponents, input_exponents, half_width=half_width, time_unit_s=time_unit_s
+    )
+    squares = [exponents.tolist().index([2.0 * (i == j) for i in range(d)]) for j in range(d)]
+    # the coefficients of the squares sum to d
+    target = -d * static[:, squares[0]]
+    static[:, squares[1:]] -= static[:, squares[:1]]
+    static = np.delete(static, squares[0], axis=1)
+    curvatures = _average_curvatures(q, u, exponents, input_exponents)
+    offset = d * curvatures[squares[0]]
+    curvatures[squares[1:]] -= curvatures[squares[0]]
+    balance = _Balance(
+        np.concatenate([static, inertia, viscous], axis=1),
+        target,
+        np.delete(curvatures, squares[0], axis=0),
+        offset,
+        # a mode above half the frame rate shows in no film
+        (trajectory.dt_s / (np.pi * time_unit_s)) ** 2,
+    )
+    x, mass, damping = balance.minimize_displacements()
+    elastic, pushed = np.split(x, [len(exponents) - 1])
+    elastic = np.insert(elastic, squares[0], d - elastic[[k - 1 for k in squares[1:]]].sum())
+    pushed = pushed.reshape(n_inputs, len(input_exponents))
+    floors = Floors(MASS_FLOOR * np.trace(mass) / d, DAMPING_FLOOR * np.trace(damping) / d, 0.0)
+    two = 2.0 * torch.eye(d, dtype=torch.float64)
+    none = torch.zeros(n_inputs, d, dtype=torch.float64)
+    start = Coefficients(torch.from_numpy(mass), torch.from_numpy(damping), two, none, 0.0 * two[0])
+    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed)
+    assert lagrangian.energy is not None
+    with torch.no_grad():
+        lagrangian.energy.coefficients.copy_(torch.from_numpy(elastic))
+        lagrangian.energy.coefficients[squares] -= 0.5 * lagrangian.energy.ridge
+        lagrangian.energy.input_coefficients.copy_(torch.from_numpy(pushed))
+    return lagrangian
+
+
+class WeakForm(NamedTuple):
+    """Columns of the equation for every bump, and some states and inputs at the bumps' middles."""
+
+    static: Columns  # of V, then of nu, input by input
+    inertia: Columns  # of the lower triangle of M
+    viscous: Columns  # of the lower triangle of C
+    q: Series
+    u: Series
+
+
+def _integrate(
+    trajectory: EncodedTrajectory,
+    exponents: torch.Tensor,
+    input_exponents: torch.Tensor,
+    *,
+    half_width: int,
+    time_unit_s: float,
+) -> WeakForm:
+    """Integrate every column over bumps that are spread evenly."""
+    dt_s, taps = trajectory.dt_s, np.arange(-half_width, half_width + 1)
+    phi, first, second = _make_bump(half_width, dt_s / time_unit_s)
+    room = sum(max(0, b - a - 2 * half_width) for a, b in trajectory.segments)
+    if room < 1:
+        longest = max((stop - start for start, stop in trajectory.segments), default=0)
+        raise ValueError(
+            f"the longest training segment has {longest} frames, and a bump of the weak form needs "
+            f"{2 * half_width + 1}: record longer clips"
+        )
+    every = max(1, room // MOST_BUMPS)
+    parts = []
+    for start, stop in trajectory.segments:
+        q, u = _resample(trajectory, start, stop)
+        middles = np.arange(half_width, len(q) - half_width, every)
+        if not len(middles):
+            continue
+        at = middles[:, None] + taps
+        static = np.zeros((len(middles), len(exponents) + u.shape[1] * len(input_exponents), q.shape[1]))
+        for column, share in zip(at.T, phi, strict=True):
+            x, pressure = q[column], u[column]
+            pushed = -pressure[:, :, None, None] * _gradients(x, input_exponents)[:, None]
+            static[:, : len(exponents)] += share * _gradients(x, exponents)
+            static[:, len(exponents) :] += share * pushed.reshape(len(x), -1, q.shape[1])
+        inertia = np.einsum("tnd,n->td", q[at], second)
+        viscous = -np.einsum("tnd,n->td", q[at], first)
+        parts.append(WeakForm(static, _symmetric(inertia), _symmetric(viscous), q[middles], u[middles]))
+    return WeakForm(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _make_bump(half_width: int, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``phi`` of unit sum with its first and second derivatives, at frames ``step`` apart."""
+    p, x, width = BUMP_ORDER, np.arange(-half_width, half_width + 1) / half_width, half_width * step
+    base = 1.0 - x**2
+    phi = base**p
+    first = -2.0 * p * x * base ** (p - 1) / width
+    second = (4.0 * p * (p - 1) * x**2 * base ** (p - 2) - 2.0 * p * base ** (p - 1)) / width**2
+    return phi / phi.sum(), first / phi.sum(), second / phi.sum()
+
+
+def _resample(trajectory: EncodedTrajectory, start: int, stop: int) -> tuple[Series, Series]:
+    """Latents and inputs of a segment, ``dt_s`` apart."""
+    q, u, clock = trajectory.latents[start:stop], trajectory.inputs[start:stop], trajectory.clock
+    if clock.time_s is None or len(q) < 2:
+        return q, u
+    time_s = clock.time_s[start:stop]
+    even_s = np.arange(time_s[0], time_s[-1], clock.dt_s)
+    return CubicSpline(time_s, q)(even_s), CubicSpline(time_s, u)(even_s) if u.size else u[: len(even_s)]
+
+
+def _gradients(q: Series, exponents: torch.Tensor) -> Columns:
+    return evaluate_monomials(torch.from_numpy(q), exponents, reach=SOFT_LIMIT)[1].numpy()
+
+
+def _symmetric(x: Series) -> Columns:
+    """Columns of ``S x`` for the lower triangle of a symmetric ``S``, row by row."""
+    d = x.shape[1]
+    columns = []
+    for i in range(d):
+        for j in range(i + 1):
+            column = np.zeros_like(x)
+            column[:, i] = x[:, j]
+            column[:, j] = x[:, i]
+            columns.append(column)
+    return np.stack(columns, axis=1)
+
+
+def _average_curvatures(
+    q: Series, u: Series, exponents: torch.Tensor, input_exponents: torch.Tensor
+) -> Columns:
+    """Mean Hessian of ``V - u.nu`` by each coefficient, by central differences."""
+    some = np.unique(np.linspace(0, len(q) - 1, STIFFNESS_STATES).astype(int))
+    q, u, d = q[some], u[some], q.shape[1]
+
+    def slopes(x: Series) -> np.ndarray:
+        elastic = _gradients(x, exponents).mean(0)
+        pushed = -np.einsum("tn,tkd->nkd", u, _gradients(x, input_exponents)) / len(x)
+        return np.concatenate([elastic, pushed.reshape(-1, d)])
+
+    return np.stack([(slopes(q + step) - slopes(q - step)) / 2e-4 for step in 1e-4 * np.eye(d)], axis=2)
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """Balance of forces ``columns.y = target`` of all bumps; ``y`` are static coefficients, then M and C.
+
+    The mean loaded stiffness is ``offset + curvatures.static``; ``least_mass`` is the smallest eigenvalue of
+    the mass.
+    """
+
+    columns: Columns
+    target: Series
+    curvatures: Float64[np.ndarray, "k d d"]
+    offset: Matrix
+    least_mass: float
+
+    def minimize_displacements(self) -> tuple[np.ndarray, Matrix, Matrix]:
+        """Static coefficients, mass and damping that leave the smallest errors as displacements."""
+        d, k = self.target.shape[1], len(self.curvatures)
+        eye = np.eye(d)
+        level = np.linalg.lstsq(self.curvatures.reshape(k, -1).T, (eye - self.offset).ravel(), rcond=None)[0]
+        factors = np.tile(FIRST_FACTOR * eye[np.tril_indices(d)], 2)
+        scale = np.concatenate([1.0 / self._sizes, np.ones(len(factors))])
+
+        def misfit(z: np.ndarray) -> float:
+            return 0.5 * float(np.square(self._miss(scale * z)[0]).sum())
+
+        @lru_cache(maxsize=1)
+        def slopes(z: bytes) -> tuple[np.ndarray, np.ndarray]:
+            theta = scale * np.frombuffer(z)
+            by_z = self._differentiate(theta) * scale
+            return by_z.T @ self._miss(theta)[0], by_z.T @ by_z
+
+        solved = minimize(
+            misfit,
+            np.concatenate([level, factors]) / scale,
+            jac=lambda z: slopes(z.tobytes())[0],
+            hess=lambda z: slopes(z.tobytes())[1],  # of Gauss and Newton
+            method="trust-exact",
+            options={"maxiter": MOST_STEPS, "gtol": CONVERGED},
+        )
+        theta = scale * solved.x
+        mass, damping = self._multiply(self._unpack(theta))
+        return theta[:k], mass, damping
+
+    def _unpack(self, theta: np.ndarray) -> Float64[np.ndarray, "2 d d"]:
+        d = self.target.shape[1]
+        lower = np.zeros((2, d, d))
+        lower[:, *np.tril_indices(d)] = theta[len(self.curvatures) :].reshape(2, -1)
+        return lower
+
+    def _multiply(self, lower: Float64[np.ndarray, "2 d d"]) -> Float64[np.ndarray, "2 d d"]:
+        least = np.array([self.least_mass, 0.0])[:, None, None] * np.eye(lower.shape[1])
+        return lower @ lower.swapaxes(1, 2) + least
+
+    def _miss(self, theta: np.ndarray) -> tuple[np.ndarray, Matrix, Series]:
+        """Residuals, their weight and the displacements alone."""
+        x, inner = theta[: len(self.curvatures)], np.tril_indices(self.target.shape[1])
+        y = np.concatenate([x, *(matrix[inner] for matrix in self._multiply(self._unpack(theta)))])
+        weight = np.linalg.inv(self.offset + np.einsum("k,kij->ij", x, self.curvatures))
+        displacements = (np.tensordot(self.columns, y, axes=([1], [0])) - self.target) @ weight.T
+        root = np.sqrt(len(displacements))
+        prior = np.sqrt(RIDGE) * x * self._sizes
+        return np.concatenate([displacements.ravel() / root, prior]), weight, displacements
+
+    def _differentiate(self, theta: np.ndarray) -> np.ndarray:
+        _, weight, displacements = self._miss(theta)
+        k, d = len(self.curvatures), self.target.shape[1]
+        rows, cols = np.tril_indices(d)
+        by_y = self.columns @ weight.T
+        bent = (weight @ self.curvatures).transpose(2, 0, 1).reshape(d, -1)
+        by_y[:, :k] -= (displacements @ bent).reshape(-1, k, d)
+        parts, n = [by_y[:, :k]], len(rows)
+        for start, lower in zip((k, k + n), self._unpack(theta), strict=True):
+            # the lower triangle of L L^T by each element of L
+            units = np.zeros((n, d, d))
+            units[np.arange(n), rows, cols] = 1.0
+            chain = (units @ lower.T + lower @ units.swapaxes(1, 2))[:, rows, cols]
+            parts.append(chain @ by_y[:, start : start + n])
+        by_theta = np.concatenate(parts, axis=1).swapaxes(1, 2)
+        flat = by_theta.reshape(-1, len(theta)) / np.sqrt(len(displacements))
+        return np.concatenate([flat, np.eye(k, len(theta)) * np.sqrt(RIDGE) * self._sizes[:, None]])
+
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        return np.sqrt(np.mean(self.columns[:, : len(self.curvatures)] ** 2, axis=(0, 2)))
