@@ -12,7 +12,9 @@ from scipy.optimize import linear_sum_assignment
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
-from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
+from lagsplat.stage2.multiple_shooting import ParameterVector
+from lagsplat.stage2.uncertainty import TAILS, draw_modes, measure_intervals
 from lagsplat.systems.truth import Truth
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
@@ -23,16 +25,23 @@ RIDGE = 1e-9
 Mode = dict[str, float]
 Triple = tuple[Mode, Mode | None, Mode | None]
 """One oscillation as found in the true motion, the rollout and the encoded motion."""
+LOADED = "law under the mean pressure"
 RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"))
 
 
 def compare_with_truth(
-    metrics: dict[str, Any], truth: Truth, chart: Chart, lagrangian: Lagrangian
+    metrics: dict[str, Any],
+    truth: Truth,
+    chart: Chart,
+    lagrangian: Lagrangian,
+    *,
+    draws: Float64[np.ndarray, "n p"] | None = None,
 ) -> dict[str, Any]:
-    """Frequency and decay of every excited mode, and the equilibrium, each learned and true.
+    """Frequency and decay of the modes, and the equilibrium, each learned and true.
 
     Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or for an equilibrium as
-    a fraction of the motion's rms), ``encoded`` (the same estimator on the encoded motion, whose error is
+    a fraction of the motion's rms), ``low`` and ``high`` (an interval that holds the truth with probability
+    0.9, where the law has ``draws``), ``encoded`` (the same estimator on the encoded motion, whose error is
     the chart's) and ``residual`` (of the map to coordinates, as a fraction). None where nothing was measured.
 
     Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
@@ -49,19 +58,62 @@ def compare_with_truth(
             "of different recordings; simulate and train again"
         )
     windows = _free_windows(metrics, truth, chart)
+    parameters = ParameterVector(lagrangian)
     oscillating = np.flatnonzero(truth.damped_frequencies_hz > 0).tolist()
     excited = sorted({number for window in windows for number in window}) or oscillating[:1]
-    turning = [mode for mode in metrics["linear_modes"] if mode["frequency_hz"] > 0]
-    law = _matched(turning, [float(truth.damped_frequencies_hz[number]) for number in excited])
-    true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
+    # without intervals, a mode that nothing excites would look as if it were known
+    compared = excited if draws is None else oscillating
     rows = []
-    for number, mode in zip(excited, law, strict=True):
-        name = f" of mode {number + 1}" if len(oscillating) > 1 else ""
-        rows += _rolled_out([window[number] for window in windows if number in window], name)
-        for key, quantity, unit in RATES:
-            learned = None if mode is None else mode[key]
-            rows.append(_row(f"{quantity}{name}, linearised law [{unit}]", learned, float(true[key][number])))
-    return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian)}
+    for number in excited:
+        rows += _rolled_out(
+            [window[number] for window in windows if number in window], _name(number, oscillating)
+        )
+    still = np.zeros(lagrangian.n_inputs)
+    spread = [] if draws is None else draw_modes(parameters, draws, torch.from_numpy(still))
+    true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
+    rows += _law_rows(lagrangian, still, spread, true, compared, oscillating, "linearised law")
+    if len(truth.mean_pressure):
+        true = {"frequency_hz": truth.loaded_frequencies_hz, "rate_per_s": truth.loaded_decay_rates_per_s}
+        held = truth.mean_pressure
+        loaded = [] if draws is None else draw_modes(parameters, draws, torch.from_numpy(held))
+        rows += _law_rows(
+            lagrangian, held, loaded, true, compared, oscillating, "law under the mean pressure"
+        )
+    return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian, spread)}
+
+
+def _name(number: int, oscillating: Sequence[int]) -> str:
+    return f" of mode {number + 1}" if len(oscillating) > 1 else ""
+
+
+def _law_rows(
+    lagrangian: Lagrangian,
+    held: Float64[np.ndarray, " n_u"],
+    spread: Sequence[LinearizedModes],
+    true: dict[str, np.ndarray],
+    compared: Sequence[int],
+    oscillating: Sequence[int],
+    title: str,
+) -> list[dict[str, Any]]:
+    """Modes of the law under a constant input beside the true eigenvalues, with intervals from drawn laws."""
+    modes = linearize_modes(lagrangian, torch.from_numpy(held))
+    intervals = measure_intervals(modes, spread)
+    turning = [
+        {"frequency_hz": f, "rate_per_s": rate, "at": float(i)}
+        for i, (f, rate) in enumerate(zip(modes.frequency_hz, modes.decay_per_s, strict=True))
+        if f > 0
+    ]
+    numbers = [number for number in compared if number < len(true["frequency_hz"])]
+    matched = _matched(turning, [float(true["frequency_hz"][number]) for number in numbers])
+    rows = []
+    for number, mode in zip(numbers, matched, strict=True):
+        for i, (key, quantity, unit) in enumerate(RATES):
+            name = f"{quantity}{_name(number, oscillating)}, {title} [{unit}]"
+            row = _row(name, None if mode is None else mode[key], float(true[key][number]))
+            if mode is not None and len(intervals):
+                row |= dict(zip(("low", "high"), intervals[int(mode["at"]), i].tolist(), strict=True))
+            rows.append(row)
+    return rows
 
 
 def _free_windows(metrics: dict[str, Any], truth: Truth, chart: Chart) -> list[dict[int, Triple]]:
@@ -111,7 +163,9 @@ def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _equilibrium_rows(truth: Truth, chart: Chart, lagrangian: Lagrangian) -> list[dict[str, Any]]:
+def _equilibrium_rows(
+    truth: Truth, chart: Chart, lagrangian: Lagrangian, spread: Sequence[LinearizedModes]
+) -> list[dict[str, Any]]:
     """The learned equilibrium in the true coordinates, through a map fitted on the training frames."""
     smooth = chart.whole.smoothed(chart.smoothing_frames).latents
     known, unseen = slice(None, chart.n_train), slice(chart.n_train, None)
@@ -124,7 +178,11 @@ def _equilibrium_rows(truth: Truth, chart: Chart, lagrangian: Lagrangian) -> lis
     rows = []
     for i, name in enumerate(truth.coordinates):
         row = _row(f"equilibrium, {name}", float(learned[i]), float(truth.rest[i]))
-        rows.append(row | {"error": float(errors[i]), "residual": float(residuals[i])})
+        row |= {"error": float(errors[i]), "residual": float(residuals[i])}
+        if spread:
+            drawn = to_states(np.array([modes.equilibrium for modes in spread]))[:, i]
+            row |= dict(zip(("low", "high"), np.quantile(drawn, TAILS).tolist(), strict=True))
+        rows.append(row)
     return rows
 
 
@@ -133,7 +191,7 @@ def _row(
 ) -> dict[str, Any]:
     error = abs(learned / truth - 1.0) if learned is not None and truth else None
     row = {"quantity": quantity, "learned": learned, "truth": truth, "error": error, "encoded": encoded}
-    return row | {"residual": None}
+    return row | {"residual": None, "low": None, "high": None}
 
 
 def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:

@@ -104,6 +104,6 @@ def fit_run(
         measured=chart.train,
         on_candidate=lambda row: log.info("%s", row),
     )
-    save_dynamics(out / "dynamics.safetensors", lagrangian, {**header, "report": asdict(report)})
+    save_dynamics(out / "dynamics.safetensors", lagrangian, header, report)
     checkpoint.unlink(missing_ok=True)
     return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)

@@ -25,13 +25,18 @@ POOLED = 4  # the last feature map is pooled to POOLED x POOLED, whatever the im
 class Encoder(nn.Module):
     """Three large convolutions of stride 2 with ELU, a pool to 4x4, one linear layer to the latent.
 
-    No normalisation layer and no output activation: the chart computes its own statistics afterwards.
+    No normalisation layer and no output activation: the chart computes its own statistics afterwards. Each
+    latent is less a quadratic function ``bend`` of those before it, which is zero until `straighten_encoder`
+    sets it: a linear layer alone cannot unbend what the images bend.
 
     Source: paper, Implementation Details (architectures).
     """
 
+    bend: Tensor
+
     def __init__(self, d: int, *, kernel: int, channels: int) -> None:
         super().__init__()
+        self.register_buffer("bend", torch.zeros(d, d, d))
         widths = (3, channels, channels, channels)
         self.convolutions = nn.ModuleList(
             nn.Conv2d(n_in, n_out, kernel, stride=2, padding=(kernel - 2) // 2)
@@ -52,7 +57,13 @@ class Encoder(nn.Module):
 
     def forward(self, images: Images) -> Latents:
         """The raw latent ``z`` of each image."""
-        return self.head(self.features(images))
+        bent = self.head(self.features(images))
+        straight = [torch.ones_like(bent[:, 0])]
+        for k in range(bent.shape[1]):
+            before = torch.stack(straight, 1)
+            quadratic = self.bend[k, : k + 1, : k + 1]
+            straight.append(bent[:, k] - torch.einsum("bi,ij,bj->b", before, quadratic, before))
+        return torch.stack(straight[1:], 1)
 
 
 @contextmanager
@@ -98,10 +109,25 @@ def initialize_encoder(encoder: Encoder, images: Images) -> None:
 
 @torch.no_grad()
 def straighten_encoder(encoder: Encoder, images: Images) -> None:
-    """Straighten the latents of the images by the linear layer, in place, and keep their scales."""
-    latents = encoder(images).double().cpu().numpy()
-    target = straighten_coordinates(latents)
-    fit_readout(encoder, images, latents.mean(0) + target)
+    """Make no latent of the images a quadratic function of those before it, by ``bend`` and in place."""
+    bent = encoder.head(encoder.features(images)).double().cpu().numpy()
+    straight = np.ones((len(bent), 1))
+    for k in range(1, bent.shape[1]):
+        straight = np.c_[straight, bent[:, k - 1] - _predict(straight, encoder.bend[k - 1])]
+        columns = _multiply_pairs(straight)
+        weight = np.linalg.lstsq(columns, bent[:, k], rcond=None)[0]
+        weight[0] -= (columns @ weight).mean()  # the mean stays
+        encoder.bend[k].zero_()[: k + 1, : k + 1] = torch.as_tensor(weight.reshape(k + 1, k + 1))
+
+
+def _predict(straight: Float64[np.ndarray, "B k"], bend: Tensor) -> Float64[np.ndarray, " B"]:
+    size = straight.shape[1]
+    quadratic = bend[:size, :size].double().cpu().numpy()
+    return np.einsum("bi,ij,bj->b", straight, quadratic, straight)
+
+
+def _multiply_pairs(z: Float64[np.ndarray, "B k"]) -> Float64[np.ndarray, "B n"]:
+    return (z[:, :, None] * z[:, None]).reshape(len(z), -1)
 
 
 @torch.no_grad()
@@ -165,20 +191,6 @@ def compute_geodesic_coordinates(images: Images, d: int) -> Float64[np.ndarray, 
         for k in range(n_axes):
             found = left @ np.linalg.svd(left, full_matrices=False)[2][0]
             coordinates[:, k] = (found - found.mean()) / max(found.std(), 1e-12)
-            columns = _quadratics(coordinates[:, : k + 1])
+            columns = _multiply_pairs(np.c_[np.ones(len(found)), coordinates[:, : k + 1]])
             left = embedded - columns @ np.linalg.lstsq(columns, embedded, rcond=None)[0]
     return coordinates
-
-
-def straighten_coordinates(z: Float64[np.ndarray, "B d"]) -> Float64[np.ndarray, "B d"]:
-    """Centred coordinates, each less the best quadratic function of those before."""
-    straight = z - z.mean(0)
-    for k in range(1, z.shape[1]):
-        columns = _quadratics(straight[:, :k])
-        straight[:, k] -= columns @ np.linalg.lstsq(columns, straight[:, k], rcond=None)[0]
-    return straight
-
-
-def _quadratics(z: Float64[np.ndarray, "B k"]) -> Float64[np.ndarray, "B n"]:
-    products = z[:, :, None] * z[:, None]
-    return np.c_[np.ones(len(z)), z, products.reshape(len(z), -1)]

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
@@ -29,7 +29,7 @@ from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes, linearize_modes
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
-from lagsplat.stage2.multiple_shooting import choose_stretches, fit_windows
+from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.rollout import (
     ShootingTargets,
     ShootingWindows,
@@ -38,6 +38,7 @@ from lagsplat.stage2.rollout import (
     list_starts,
     rollout,
 )
+from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.weak_form import fit_weak_form
 
 KIND = "dynamics"
@@ -71,6 +72,7 @@ class FitReport:
     wall_s: float = 0.0
     at_rest: LinearizedModes | None = None
     under_mean_input: LinearizedModes | None = None
+    draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
 
 def fit_dynamics(
@@ -122,12 +124,24 @@ def fit_dynamics(
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
     report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
     report.under_mean_input = linearize_modes(lagrangian, mean_input)
+    if fit.solved is not None:
+        problem, windows = fit.solved
+        theta = problem.parameters.read().numpy()
+        report.draws = draw_parameters(problem.score_windows(windows), theta, seed=seed)
     report.wall_s = time.perf_counter() - fit.started_s
     return lagrangian, report
 
 
-def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str, Any]) -> None:
-    """Write the parameters with form, floors, unit of time and all other settings of the law."""
+DRAWS = "parameter_draws"
+
+
+def save_dynamics(
+    path: Path | str,
+    lagrangian: Lagrangian,
+    header: Mapping[str, Any],
+    report: FitReport | None = None,
+) -> None:
+    """Write the parameters with form, floors, unit of time and other settings of the law, and a report."""
     settings = {
         "d": lagrangian.d,
         "n_inputs": lagrangian.n_inputs,
@@ -141,7 +155,12 @@ def save_dynamics(path: Path | str, lagrangian: Lagrangian, header: Mapping[str,
         **({"signed": True} if lagrangian.signed else {}),
     }
     header = {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
-    save_artifact(path, lagrangian.state_dict(), header)
+    tensors = dict(lagrangian.state_dict())
+    if report is not None:
+        header["report"] = asdict(replace(report, draws=None))
+        if report.draws is not None:
+            tensors[DRAWS] = torch.from_numpy(report.draws)
+    save_artifact(path, tensors, header)
 
 
 def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
@@ -151,6 +170,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         ValueError: the file is no dynamics, or one of another schema.
     """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
+    tensors.pop(DRAWS, None)
     settings = header["dynamics"]
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye, blank = torch.eye(d, dtype=torch.float64), torch.zeros(n_inputs, d, dtype=torch.float64)
@@ -172,6 +192,12 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         longest_step=settings["longest_step"],
     )
     return restore_module(lagrangian, tensors, path), header
+
+
+def load_parameter_draws(path: Path | str) -> Float64[np.ndarray, "n p"] | None:
+    """Read the drawn parameters of a law, or None where its fit had no likelihood."""
+    tensors, _ = load_artifact(path, kind=KIND, schema=SCHEMA)
+    return tensors.get(DRAWS)
 
 
 def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
@@ -323,6 +349,7 @@ class DynamicsFit:
         self.metric = objective.add_ridge(bare, ridge=config.ridge)
         self.trajectory, self.config, self.seed = trajectory, config, seed
         self.anchor: objective.Anchor | None = None
+        self.solved: tuple[MultipleShooting, WindowFit] | None = None  # of the best law
         self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
@@ -405,12 +432,12 @@ class DynamicsFit:
         self.report.scores["start"] = self.best.score
         self._refine(measured, smooth)
         for higher in reversed(tried):
-            law, state, score = self.lagrangian, self.best.state, self.best.score
+            law, state, score, solved = self.lagrangian, self.best.state, self.best.score, self.solved
             self.lagrangian = grow_law(law, higher, seed=self.seed)
             self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
             self._refine(measured, smooth)
             if self.best.score >= score:
-                self.lagrangian, self.best.state, self.best.score = law, state, score
+                self.lagrangian, self.best.state, self.best.score, self.solved = law, state, score, solved
                 break
         self.report.scores["likelihood"] = self.best.score
         if not self.best.score < MEAN_STATE:
@@ -455,7 +482,7 @@ class DynamicsFit:
         noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
         for share, coupling in LIKELIHOOD_LEGS:
             n = round(share * likelihood.periods * self.period_frames)
-            fitted = fit_windows(
+            problem, fitted = fit_windows(
                 self.lagrangian,
                 measured,
                 smooth,
@@ -470,6 +497,7 @@ class DynamicsFit:
             # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper
             if score < AS_GOOD * best:
                 self.best.keep(self.lagrangian, score)
+                self.solved = problem, fitted
                 noise = np.maximum(fitted.rms, LEAST_NOISE)
             else:
                 self.best.restore(self.lagrangian)

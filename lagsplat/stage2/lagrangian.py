@@ -26,7 +26,7 @@ from lagsplat.stage2.networks import (
 )
 from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
 
-SOFT_LIMIT = 4.0  # of polynomials [whitened units, which are standard deviations of the training data]
+SOFT_LIMIT = 5.0  # of polynomials [whitened units, which are standard deviations of the training data]
 FAR_STIFFNESS = 0.01  # of the mean stiffness at the start, beyond that limit
 
 

@@ -13,6 +13,7 @@ DOI 10.1137/0111030.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -33,7 +34,7 @@ CHUNK = 4096  # states whose derivatives are taken at once
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS = 10  # of a step, each ten times as damped
 CONVERGED = 1e-3  # relative decrease of the misfit
-VAGUE = 1e-4  # precision of the prior about the start of the law's main coefficients
+VAGUE = 1e-2  # precision of the prior about the start of the law's main coefficients
 SHAPE_PRECISION = 1.0  # and about the state dependence of mass and damping
 
 
@@ -150,6 +151,15 @@ class ParameterVector:
             for name, p in self.parts.items()
         ]
         return torch.cat(rows).double()
+
+    def scale_direction(self) -> Float[Tensor, " p"]:
+        """How the parameters move when all energies and forces grow alike, which no motion shows."""
+        shares = {"coefficients": 1.0, "input_coefficients": 1.0, "factor": 0.5}
+        rows = []
+        for name, p in self.parts.items():
+            of_energy = "energy." in name or name.endswith("factor")
+            rows.append(shares[name.split(".")[-1]] * of_energy * p.detach().reshape(-1))
+        return torch.cat(rows)
 
     @torch.no_grad()
     def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
@@ -272,75 +282,141 @@ class MultipleShooting:
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
         return Residuals(path, position, gap, cost if np.isfinite(cost) else float("inf"))
 
-    def assemble(self, theta: Float[Tensor, " p"], now: Residuals) -> NormalEquations:
-        """The normal equations of a Gauss-Newton step."""
+    def differentiate(self, theta: Float[Tensor, " p"], now: Residuals) -> "Slopes":
+        """Derivatives of the residuals by the window starts and by the parameters."""
         transition, sensitivity = self.parameters.differentiate(theta, now.path, self.windows)
-        k, d, p = len(now.path), len(self.noise), len(theta)
-        by_state = (transition[:, :-1, :d] / self.noise[:, None]).flatten(1, 2)
-        by_law = (sensitivity[:, :-1, :d] / self.noise[:, None]).flatten(1, 2)
-        residual = now.position.reshape(k, -1, 1)
-        flat = by_law.reshape(-1, p)
-        states, mixed = (by_state.mT @ by_state).numpy(), (by_state.mT @ by_law).numpy()
-        law = flat.T @ flat + torch.diag(self.precision)
-        law_gradient = flat.T @ residual.reshape(-1) + self.precision * (theta - self.prior_mean)
-        states_gradient = (by_state.mT @ residual)[:, :, 0].numpy()
-        before, inverse = self.before, (1.0 / self.coupling).numpy()
-        here = -inverse[:, None] * transition[before, -1].numpy()
-        along = -inverse[:, None] * sensitivity[before, -1].numpy()
-        gap, link = now.gap.numpy(), np.zeros_like(states)
-        states[before] += here.swapaxes(1, 2) @ here
+        k, d, before = len(now.path), len(self.noise), self.before
+        inverse = (1.0 / self.coupling)[:, None]
+        return Slopes(
+            (transition[:, :-1, :d] / self.noise[:, None]).reshape(k, -1, 2 * d).numpy(),
+            (sensitivity[:, :-1, :d] / self.noise[:, None]).reshape(k, -1, len(theta)).numpy(),
+            (-inverse * transition[before, -1]).numpy(),
+            (-inverse * sensitivity[before, -1]).numpy(),
+        )
+
+    def assemble(self, theta: Float[Tensor, " p"], now: Residuals) -> "NormalEquations":
+        """The normal equations of a Gauss-Newton step."""
+        slopes, before, inverse = self.differentiate(theta, now), self.before, (1.0 / self.coupling).numpy()
+        by_state, by_law, here, along = slopes
+        p, residual, gap = len(theta), now.position.flatten(1).numpy(), now.gap.numpy()
+        states, mixed = by_state.mT @ by_state, by_state.mT @ by_law
+        states_gradient = np.einsum("kns,kn->ks", by_state, residual)
+        link = np.zeros_like(states)
+        states[before] += here.mT @ here
         states[before + 1] += np.diag(inverse**2)
-        link[before] = here.swapaxes(1, 2) * inverse
-        mixed[before] += here.swapaxes(1, 2) @ along
+        link[before] = here.mT * inverse
+        mixed[before] += here.mT @ along
         mixed[before + 1] += inverse[:, None] * along
         states_gradient[before] += np.einsum("gab,ga->gb", here, gap)
         states_gradient[before + 1] += gap * inverse
-        rows = along.reshape(-1, p)
-        return NormalEquations(
-            states,
-            link,
-            mixed,
-            law.numpy() + rows.T @ rows,
-            states_gradient,
-            law_gradient.numpy() + rows.T @ gap.ravel(),
-        )
+        rows = np.concatenate([by_law.reshape(-1, p), along.reshape(-1, p)])
+        values = np.concatenate([residual.ravel(), gap.ravel()])
+        prior = self.precision.numpy()
+        law = rows.T @ rows + np.diag(prior)
+        law_gradient = rows.T @ values + prior * (theta - self.prior_mean).numpy()
+        return NormalEquations(states, link, mixed, law, states_gradient, law_gradient)
+
+    def score_windows(self, fitted: WindowFit) -> "WindowScores":
+        """Scores of the likelihood, with the window starts eliminated, at the parameters as they are.
+
+        Raises:
+            numpy.linalg.LinAlgError: the starts are not determined.
+        """
+        theta = self.parameters.read()
+        now = self.evaluate(theta, fitted.starts)
+        normal, (by_state, by_law, here, along) = self.assemble(theta, now), self.differentiate(theta, now)
+        states = eliminate_states(normal, self.windows.linked, damping=0.0)
+        answer = np.empty_like(normal.mixed)  # of each start to the parameters
+        for i in range(len(answer) - 1, -1, -1):
+            answer[i] = states.mixed[i]
+            if self.windows.linked[i]:
+                answer[i] -= normal.link[i] @ answer[i + 1]
+            answer[i] = states.inverse[i] @ answer[i]
+        residual, gap = now.position.flatten(1).numpy(), now.gap.numpy()
+        rows = by_law - by_state @ answer
+        scores, each = np.einsum("knp,kn->kp", rows, residual), rows.mT @ rows
+        after = answer[self.before + 1] / self.coupling.numpy()[:, None]
+        rows = along - here @ answer[self.before] - after
+        scores[self.before] += np.einsum("gsp,gs->gp", rows, gap)
+        each[self.before] += rows.mT @ rows
+        # a scale of all energies has no answer: it is held
+        scale = self.parameters.scale_direction().numpy()
+        scale = scale / np.linalg.norm(scale)
+        held = np.trace(states.law) * np.outer(scale, scale)
+        return WindowScores(scores, each, states.law + held, self.precision.numpy())
+
+
+class Slopes(NamedTuple):
+    """Derivatives of the positions, and of the gaps by the start before them and by the parameters."""
+
+    position_by_state: Float64[np.ndarray, "K r s"]
+    position_by_law: Float64[np.ndarray, "K r p"]
+    gap_by_state: Float64[np.ndarray, "G s s"]
+    gap_by_law: Float64[np.ndarray, "G s p"]
+
+
+class WindowScores(NamedTuple):
+    """Gradient and information of the misfit of each window, all information, and the prior's part of it."""
+
+    scores: Float64[np.ndarray, "K p"]
+    each: Float64[np.ndarray, "K p p"]
+    information: Float64[np.ndarray, "p p"]
+    prior: Float64[np.ndarray, " p"]
+
+
+class EliminatedStates(NamedTuple):
+    """Inverse diagonal blocks of the eliminated states, what couples them to the law, and what is left."""
+
+    inverse: Float64[np.ndarray, "K s s"]
+    mixed: Float64[np.ndarray, "K s p"]
+    right: Float64[np.ndarray, "K s"]
+    law: Float64[np.ndarray, "p p"]
+    law_right: Float64[np.ndarray, " p"]
+
+
+def eliminate_states(
+    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
+) -> EliminatedStates:
+    """Eliminate the states in the order of time, as in a block-tridiagonal system.
+
+    Raises:
+        numpy.linalg.LinAlgError: a state is not determined.
+    """
+    k, s = normal.states_gradient.shape
+    diagonal, p = np.arange(s), len(normal.law)
+    states, mixed, right = normal.states.copy(), normal.mixed.copy(), -normal.states_gradient
+    states[:, diagonal, diagonal] *= 1.0 + damping
+    inverse = np.empty_like(states)
+    for i in range(k):
+        if i and linked[i - 1]:
+            back = inverse[i - 1] @ normal.link[i - 1]
+            states[i] -= normal.link[i - 1].T @ back
+            mixed[i] -= back.T @ mixed[i - 1]
+            right[i] -= back.T @ right[i - 1]
+        inverse[i] = np.linalg.inv(states[i])
+    solved = inverse @ mixed
+    law = normal.law + damping * np.diag(np.diag(normal.law))
+    law = law - mixed.reshape(-1, p).T @ solved.reshape(-1, p)
+    law_right = -normal.law_gradient - np.einsum("ksp,ks->p", solved, right)
+    return EliminatedStates(inverse, mixed, right, law, law_right)
 
 
 def solve_normal(
     normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
 ) -> tuple[States, Float[Tensor, " p"]] | None:
-    """Solve for the steps of states and parameters, or None where the equations are not positive definite.
-
-    The states are eliminated in the order of time, as in a block-tridiagonal system.
-    """
-    k, s = normal.states_gradient.shape
-    diagonal = np.arange(s)
-    states, mixed, right = normal.states.copy(), normal.mixed.copy(), -normal.states_gradient
-    states[:, diagonal, diagonal] *= 1.0 + damping
-    inverse = np.empty_like(states)
+    """Solve for the steps of states and parameters, or None where the equations are not positive definite."""
     try:
-        for i in range(k):
-            if i and linked[i - 1]:
-                back = inverse[i - 1] @ normal.link[i - 1]
-                states[i] -= normal.link[i - 1].T @ back
-                mixed[i] -= back.T @ mixed[i - 1]
-                right[i] -= back.T @ right[i - 1]
-            inverse[i] = np.linalg.inv(states[i])
-        law = normal.law + damping * np.diag(np.diag(normal.law))
-        solved = inverse @ mixed
-        p = len(law)
-        law = law - mixed.reshape(-1, p).T @ solved.reshape(-1, p)
-        gradient = -normal.law_gradient - np.einsum("ksp,ks->p", solved, right)
-        factor = np.linalg.cholesky(law)
+        left = eliminate_states(normal, linked, damping=damping)
+        factor = np.linalg.cholesky(left.law)
     except np.linalg.LinAlgError:
         return None
-    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, gradient))
-    starts = np.empty((k, s))
-    for i in range(k - 1, -1, -1):
-        rest = right[i] - mixed[i] @ theta
+    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right))
+    starts = np.empty_like(normal.states_gradient)
+    for i in range(len(starts) - 1, -1, -1):
+        rest = left.right[i] - left.mixed[i] @ theta
         if linked[i]:
             rest = rest - normal.link[i] @ starts[i + 1]
-        starts[i] = inverse[i] @ rest
+        starts[i] = left.inverse[i] @ rest
     return torch.from_numpy(starts), torch.from_numpy(theta)
 
 
@@ -354,8 +430,8 @@ def fit_windows(
     coupling: float,
     noise: Float64[np.ndarray, " d"],
     iterations: int,
-) -> WindowFit:
-    """Fit a law in place to windows of ``n`` steps.
+) -> tuple[MultipleShooting, WindowFit]:
+    """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
     Args:
         lagrangian: the law to start from.
@@ -375,4 +451,4 @@ def fit_windows(
     starts = torch.from_numpy(state[windows.frames])
     scale = np.sqrt(np.mean((state - state.mean(axis=0)) ** 2, axis=0)) + 1e-12
     problem = MultipleShooting(ParameterVector(lagrangian), windows, noise=noise, coupling=coupling * scale)
-    return problem.fit(starts, iterations=iterations)
+    return problem, problem.fit(starts, iterations=iterations)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
+from lagsplat.stage2.polynomials import LINEAR_SHARE, PolynomialEnergy, PolynomialField
 from lagsplat.stage2.rollout import split_inputs
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -295,8 +295,9 @@ def evaluate_monomials_in_arrays(
     q: States, exponents: np.ndarray, *, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
-    tanh = np.tanh(q / reach)
-    s, inner = (reach * tanh)[..., None, :], (1.0 - tanh * tanh)[..., None, :]
+    inside, room = np.clip(q, -LINEAR_SHARE * reach, LINEAR_SHARE * reach), (1.0 - LINEAR_SHARE) * reach
+    tanh = np.tanh((q - inside) / room)
+    s, inner = (inside + room * tanh)[..., None, :], (1.0 - tanh * tanh)[..., None, :]
     factors = s**exponents
     lowered = exponents * s ** np.maximum(exponents - 1, 0) * inner
     d = q.shape[-1]

@@ -1,7 +1,8 @@
 """Polynomial terms of the Lagrangian: potential and input potentials, and matrix fields, of low degree.
 
-All are polynomials of the soft-clipped state ``s = R tanh(q / R)``. Inside the data ``s`` is nearly ``q``;
-far outside it is bounded, and so are the terms and their slopes.
+All are polynomials of the soft-clipped state ``s``. Inside the data ``s`` is ``q``; far outside it is
+bounded, and so are the terms and their slopes. A clip that began inside the data would bend a straight line: with
+``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
 """
 
 from itertools import combinations_with_replacement
@@ -12,6 +13,8 @@ from torch import Tensor, nn
 
 from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.stage2.networks import cholesky_solve, factor_positive
+
+LINEAR_SHARE = 0.8  # of the soft limit, within which the clipped state is the state
 
 Monomials = tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"]]
 """Values and gradients of monomials at ``B`` states."""
@@ -28,7 +31,9 @@ def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]
 
 
 def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, reach: float) -> Monomials:
-    """Values and gradients at ``q`` of monomials of ``s = reach tanh(q / reach)``.
+    """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly at ``reach``.
+
+    ``s = q`` within a share `LINEAR_SHARE` of ``reach``, and a tanh beyond; two derivatives are continuous.
 
     Args:
         q: states [whitened units].
@@ -43,8 +48,10 @@ def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, reach: fl
         >>> [round(float(x), 4) for x in (*value[0], *slope[0, :, 0])]
         [0.1, 0.01, 1.0, 0.2]
     """
-    tanh = torch.tanh(q / reach)
-    s, ds = reach * tanh, 1.0 - tanh * tanh
+    inside = q.clamp(-LINEAR_SHARE * reach, LINEAR_SHARE * reach)
+    room = (1.0 - LINEAR_SHARE) * reach
+    tanh = torch.tanh((q - inside) / room)
+    s, ds = inside + room * tanh, 1.0 - tanh * tanh
     order = exponents.long()
     powers = [torch.ones_like(s)]
     for _ in range(int(order.max()) if order.numel() else 0):

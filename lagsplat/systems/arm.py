@@ -68,11 +68,11 @@ class Arm:
             )
         return rest
 
-    def modes(self) -> VibrationModes:
-        """Free modes of the arm linearised about its rest pose without pressure."""
-        still = np.zeros(self.d)
-        rest = self.equilibrium(still)
-        stiffness = dynamics.compute_stiffness(lambda q: self.static_force(q, still), rest)
+    def modes(self, pressure: Vector | None = None) -> VibrationModes:
+        """Free modes of the arm linearised about its rest pose under constant ``pressure`` [atm], or none."""
+        held = np.zeros(self.d) if pressure is None else pressure
+        rest = self.equilibrium(held)
+        stiffness = dynamics.compute_stiffness(lambda q: self.static_force(q, held), rest)
         return dynamics.compute_vibration_modes(self.mass(rest), self.damping(), stiffness)
 
     def _mass_times_depth(self, states: Float64[np.ndarray, "T d"]) -> Float64[np.ndarray, " T"]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,10 @@ class Truth:
     damped_frequencies_hz: Float64[np.ndarray, " n_modes"]
     decay_rates_per_s: Float64[np.ndarray, " n_modes"]
     damping_ratios: Float64[np.ndarray, " n_modes"]
+    # about the rest state under the mean pressure; empty without chambers
+    mean_pressure: Float64[np.ndarray, " n_u"] = field(default_factory=lambda: np.zeros(0))
+    loaded_frequencies_hz: Float64[np.ndarray, " n_modes"] = field(default_factory=lambda: np.zeros(0))
+    loaded_decay_rates_per_s: Float64[np.ndarray, " n_modes"] = field(default_factory=lambda: np.zeros(0))
 
 
 def compute_truth(
@@ -50,6 +54,15 @@ def compute_truth(
 ) -> Truth:
     """Evaluate the equations of ``system`` along a trajectory; see `Truth` for the arguments."""
     frames = np.arange(0, len(states), MASS_STRIDE_FRAMES)
+    loaded = {}
+    if isinstance(system, Arm):
+        mean = pressures.mean(axis=0)
+        held = system.modes(mean)
+        loaded = {
+            "mean_pressure": mean,
+            "loaded_frequencies_hz": held.damped_hz,
+            "loaded_decay_rates_per_s": held.decay_per_s,
+        }
     kinetic = [0.5 * v @ system.mass(q) @ v for q, v in zip(states, velocities, strict=True)]
     return Truth(
         coordinates=system.coordinates,
@@ -66,6 +79,7 @@ def compute_truth(
         damped_frequencies_hz=modes.damped_hz,
         decay_rates_per_s=modes.decay_per_s,
         damping_ratios=modes.damping_ratio,
+        **loaded,
     )
 
 

@@ -18,7 +18,7 @@ from lagsplat.report.common.formatting import (
 from lagsplat.report.common.published_values import RECORDING
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
-TRUTH_CONTEXT = ("encoded", "residual", "recording", "profile", "n_seeds")
+TRUTH_CONTEXT = ("low", "high", "encoded", "residual", "recording", "profile", "n_seeds")
 
 MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
 LEARNED_MASS = "learned"
@@ -69,8 +69,8 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
             for quantity in dict.fromkeys(row["quantity"] for seed in seeds for row in seed):
                 same = [row for seed in seeds for row in seed if row["quantity"] == quantity]
                 row: dict[str, Any] = {"system": group.system, "quantity": quantity + changed, **group.place}
-                for name in ("learned", "truth", "error", "encoded", "residual"):
-                    row[name] = table_rows.take_median(measured[name] for measured in same)
+                for name in ("learned", "truth", "error", "low", "high", "encoded", "residual"):
+                    row[name] = table_rows.take_median(measured.get(name) for measured in same)
                 learned = {measured["learned"] for measured in same} - {None}
                 if len(learned) > 1:
                     row |= {"learned_low": min(learned), "learned_high": max(learned)}

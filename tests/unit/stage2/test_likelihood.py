@@ -51,7 +51,7 @@ def test_the_weak_form_finds_the_frequency_although_the_drive_is_slow(motion: En
 
 
 def test_the_weak_form_keeps_the_stiffness_of_a_coordinate_that_noise_hides() -> None:
-    """Two masses; the noise of the second coordinate is a third of its motion; its balance holds at zero, too."""
+    """Of two masses the second moves thrice as much as its noise; its balance holds at zero, too."""
     stiffness = (2 * np.pi) ** 2 * np.array([[2.0, 0.4], [0.4, 9.0]])
     time_s = DT_S * np.arange(3000)
 

@@ -27,5 +27,5 @@ with Job(snakemake) as job:
         measured=chart.train,
         on_candidate=job.say,
     )
-    save_dynamics(job.output.dynamics, lagrangian, {**job.header, "report": asdict(report)})
+    save_dynamics(job.output.dynamics, lagrangian, job.header, report)
     save_csv(job.output.curve, [asdict(row) for row in report.curve])
