@@ -1,7 +1,7 @@
 """Polynomial terms of the Lagrangian: potential and input potentials, and matrix fields, of low degree.
 
 All are polynomials of the soft-clipped state ``s``. Inside the data ``s`` is ``q``; far outside it is
-bounded, and so are the terms and their slopes. A clip that began inside the data would bend a straight line: with
+bounded, and so are the terms and their slopes. A clip that began inside the data would bend a line: with
 ``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
 """
 
