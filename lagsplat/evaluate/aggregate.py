@@ -1,10 +1,13 @@
-"""Aggregate seeds into one row, compare two experiments window by window, and bootstrap over windows."""
+"""Aggregate seeds into one row, compare two experiments window by window, and give intervals."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
+from scipy.stats import t
+
+from lagsplat.evaluate.protocol import group_windows
 
 SPREAD_OVER_SEEDS = "median and range over seeds"
 SPREAD_OVER_WINDOWS = "one seed, 95 % interval over windows"
@@ -69,7 +72,8 @@ def paired_margin(
     Both are metrics of the runs of an experiment; ``score`` is ``mse_half_second`` or ``image_mse`` (two
     periods). Windows are paired by their start and averaged over seeds. ``value`` is ``mean(second) -
     mean(first)``, positive where ``first`` is better; ``relative`` divides it by ``mean(second)``;
-    ``decided`` says that the bootstrap interval excludes zero.
+    ``decided`` says that the interval over groups of distinct windows excludes zero; with fewer than three
+    groups there is no interval, and nothing is decided.
 
     Raises:
         ValueError: the two experiments were not scored on the same windows of the same recording.
@@ -81,7 +85,8 @@ def paired_margin(
     if len({str((run["recording"], run[block]["starts"], run[block]["states"])) for run in runs}) > 1:
         raise ValueError("windows differ between the two sides; evaluate both with the same settings")
     ours, theirs = (np.mean([run[block][key] for run in side], axis=0) for side in (first, second))
-    low, high = bootstrap_interval(lambda values: values.mean(axis=-1), theirs - ours)
+    groups = group_windows(np.array(runs[0][block]["starts"]), runs[0][block]["states"])
+    low, high = jackknife_interval(lambda mean: mean, theirs - ours, groups=groups)
     value = float((theirs - ours).mean())
     return {
         "score": score,
@@ -89,25 +94,41 @@ def paired_margin(
         "low": low,
         "high": high,
         "relative": value / float(theirs.mean()),
-        "decided": low > 0.0 or high < 0.0,
+        "decided": low is not None and high is not None and (low > 0.0 or high < 0.0),
         "windows": len(ours),
     }
 
 
-def bootstrap_interval(
-    statistic: Callable[..., np.ndarray],
-    *per_window: Float64[np.ndarray, " B"],
-    resamples: int = 10_000,
-    confidence: float = 0.95,
-    seed: int = 0,
-) -> list[float]:
-    """Percentile interval of a statistic over windows drawn with replacement.
+LEAST_GROUPS = 3  # of distinct windows: with two, the interval would be 25 standard errors wide
 
-    ``statistic`` reduces the last axis of arrays (resamples, B), one for each of ``per_window``. Overlapping
-    windows are treated as independent, which makes the interval slightly narrow.
+
+def jackknife_interval(
+    statistic: Callable[..., float],
+    *per_window: Float64[np.ndarray, " B"],
+    groups: Int64[np.ndarray, " B"],
+    confidence: float = 0.95,
+) -> list[float | None]:
+    """Interval of a statistic of means over windows, from the means without each group of windows.
+
+    Args:
+        statistic: Of the mean of each of ``per_window``.
+        per_window: One value a window; windows overlap within a group, and hardly between groups.
+        groups: Of each window, from `group_windows`.
+        confidence: With which the interval holds, by Student's t with a degree fewer than groups.
+
+    Returns:
+        Lower and upper end, None for fewer than three groups.
+
+    Source: Efron and Stein 1981, DOI 10.1214/aos/1176345462 (jackknife, deleting groups).
     """
-    count = per_window[0].shape[0]
-    draws = np.random.default_rng(seed).integers(0, count, size=(resamples, count))
-    values = statistic(*(values[draws] for values in per_window))
-    tail = 50.0 * (1.0 - confidence)
-    return [float(end) for end in np.percentile(values, [tail, 100.0 - tail])]
+    numbers = np.unique(groups)
+    if len(numbers) < LEAST_GROUPS:
+        return [None, None]
+    middle = float(statistic(*(values.mean() for values in per_window)))
+    without = np.array(
+        [statistic(*(values[groups != number].mean() for values in per_window)) for number in numbers]
+    )
+    degrees = len(numbers) - 1
+    error = np.sqrt(degrees / len(numbers) * np.sum((without - without.mean()) ** 2))
+    half = float(t.ppf(0.5 + 0.5 * confidence, degrees) * error)
+    return [middle - half, middle + half]

@@ -36,7 +36,7 @@ class EvaluateConfig:
     Source: the published protocol (0.5 s over 50 starts, two periods, free windows).
     """
 
-    seed: int  # seed of the window starts and of the bootstrap
+    seed: int  # of the window starts
     skip_s: float  # start of the held-out part left out of every score
     starts: int  # rollouts per forecast score
     horizon_s: float  # length of the image forecast; the initial state counts as its first state
@@ -50,7 +50,6 @@ class EvaluateConfig:
     floor_frames: int  # maximum number of frames the autoencoder floor is averaged over
     divergence_factor: float
     """A rollout has diverged once its state is longer than this many times the longest encoded state."""
-    bootstrap: int  # resamples of the windows for each interval
     confidence: float  # coverage of the intervals
     free_rate_fraction: float
     """Largest input change per frame of a free segment, as a fraction of the input's range."""
@@ -68,7 +67,7 @@ class EvaluateConfig:
         def require(key: str, holds: bool, rule: str) -> None:
             require_setting(f"evaluate.{key}", getattr(self, key), holds, rule)
 
-        require_positive(self, "evaluate", "starts", "floor_frames", "bootstrap", "free_max_segments")
+        require_positive(self, "evaluate", "starts", "floor_frames", "free_max_segments")
         require_positive(self, "evaluate", "decay_modes", "horizon_s", "periods", "free_min_s")
         require_positive(self, "evaluate", "window_cycles", "window_min_cycles")
         require_least(self, "evaluate", 0, "seed", "skip_s")

@@ -1,5 +1,6 @@
 """Errors of forecasts in images and states, and the autoencoder floor."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.evaluate import protocol
-from lagsplat.evaluate.aggregate import bootstrap_interval
+from lagsplat.evaluate.aggregate import jackknife_interval
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut, squared_norm
 
@@ -70,19 +71,19 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
         part[:, :states].mean(axis=1) for part in (windows.error, windows.hold, windows.mean)
     )
     ahead = windows.error[:, 1:].mean(axis=1)
-    low, high = _interval(_mean, config, error)
+    groups = protocol.group_windows(starts, states)
+    low, high = jackknife_interval(_same, error, groups=groups, confidence=config.confidence)
     stayed = ~windows.gone[:, states - 1]
-    spread = error.std(ddof=1) / np.sqrt(len(error)) if len(error) > 1 else None
     return {
         "horizon_s": states * held.dt_s,
         "states": states,
         "windows": len(starts),
+        "distinct": int(groups.max()) + 1,
         "mse": float(error.mean()),
         "low": low,
         "high": high,
-        "standard_error": None if spread is None else float(spread),
         "mse_ahead": float(ahead.mean()),
-        "ahead_interval": _interval(_mean, config, ahead),
+        "ahead_interval": jackknife_interval(_same, ahead, groups=groups, confidence=config.confidence),
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),
@@ -98,7 +99,7 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     """Latent NRMSE and image error over ``config.periods`` natural periods of ``period_s`` seconds.
 
     ``nrmse`` is the RMS state error over all windows and states (the initial one included) divided by the
-    RMS of the encoded held-out series about its mean, both in the visibility metric without ridge;
+    RMS of the held-out series about its mean, both as encoded and in the visibility metric without ridge;
     predicting the mean gives 1. ``image_ratio`` divides the image error by the autoencoder floor at the same
     frames. A diverged state counts with the larger error of the pinned state and of the mean state or frame.
     ``nrmse_hold`` repeats the initial state. Where no scored clip is as long as the horizon the result is
@@ -116,51 +117,47 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     stayed = ~windows.gone[:, -1]
     image = windows.error.mean(axis=1)
     floor = np.array([_floor_errors(subject, start + np.arange(states)).mean() for start in starts])
-    encoded, scale = protocol.cut_windows(held.encoded, starts, states), state_spread(held)
+    encoded, scale = protocol.cut_windows(held.latents, starts, states), state_spread(held)
+    groups = protocol.group_windows(starts, states)
     error = state_errors(held, windows.states, windows.gone, encoded).mean(axis=1)
     hold = squared_norm(encoded[:, :1] - encoded, held.metric).mean(axis=1)
 
-    def nrmse(errors: np.ndarray) -> Any:
-        return np.sqrt(errors.mean(axis=-1) / scale)
+    def nrmse(mean: float) -> float:
+        return math.sqrt(mean / scale)
+
+    def interval(statistic: Callable[..., float], *values: np.ndarray) -> list[float | None]:
+        return jackknife_interval(statistic, *values, groups=groups, confidence=config.confidence)
 
     return {
         "period_s": float(period_s),
         "horizon_s": states * held.dt_s,
         "states": states,
         "windows": len(starts),
-        "distinct": len(np.unique(starts)),
+        "distinct": int(groups.max()) + 1,
         "diverged": int((~stayed).sum()),
         "image_mse": float(image.mean()),
         "image_hold": float(windows.hold.mean(axis=1).mean()),
         "floor": float(floor.mean()),
         "starts": starts.tolist(),
-        "nrmse": float(nrmse(error)),
-        "nrmse_interval": _interval(nrmse, config, error),
-        "nrmse_staying": float(nrmse(error[stayed])) if stayed.any() else None,
-        "nrmse_hold": float(nrmse(hold)),
+        "nrmse": nrmse(error.mean()),
+        "nrmse_interval": interval(nrmse, error),
+        "nrmse_staying": nrmse(error[stayed].mean()) if stayed.any() else None,
+        "nrmse_hold": nrmse(hold.mean()),
         "per_window": np.sqrt(error / scale).tolist(),
         "image_ratio": float(image.mean() / floor.mean()),
-        "image_ratio_interval": _interval(lambda a, b: _mean(a) / _mean(b), config, image, floor),
+        "image_ratio_interval": interval(lambda a, b: a / b, image, floor),
         "per_window_image": image.tolist(),
         "per_window_floor": floor.tolist(),
     }
 
 
-def _mean(values: np.ndarray) -> np.ndarray:
-    return values.mean(axis=-1)
-
-
-def _interval(
-    statistic: Callable[..., np.ndarray], config: EvaluateConfig, *per_window: np.ndarray
-) -> list[float]:
-    return bootstrap_interval(
-        statistic, *per_window, resamples=config.bootstrap, confidence=config.confidence, seed=config.seed
-    )
+def _same(mean: float) -> float:
+    return mean
 
 
 def state_spread(held: HeldOut) -> float:
     """Mean squared distance of the encoded states from their mean, in the visibility metric."""
-    return float(squared_norm(held.encoded - held.encoded.mean(axis=0), held.metric).mean())
+    return float(squared_norm(held.latents - held.latents.mean(axis=0), held.metric).mean())
 
 
 def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray) -> np.ndarray:
@@ -168,7 +165,7 @@ def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: n
     and the mean state's.
     """
     error = squared_norm(pinned - encoded, held.metric)
-    mean = squared_norm(held.encoded.mean(axis=0) - encoded, held.metric)
+    mean = squared_norm(held.latents.mean(axis=0) - encoded, held.metric)
     return np.where(gone, np.maximum(error, mean), error)
 
 

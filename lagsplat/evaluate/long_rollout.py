@@ -129,7 +129,7 @@ def compute_long_rollout(
     held = select_held_out(chart, config)
     reach = max(held.reach, series.reach)
     pinned, diverged = pin_diverged(rollouts, bound=config.divergence_factor * reach)
-    error = state_errors(held, pinned[0], diverged[0], series.encoded[frames]) / state_spread(held)
+    error = state_errors(held, pinned[0], diverged[0], series.latents[frames]) / state_spread(held)
     last = window.offset + window.stop - 1  # counted from the start of the recording
     ends = np.stack([chart.latents[last], pinned[0, -1]])
     source = fine or FineDecoder(autoencoder, recording)

@@ -32,10 +32,11 @@ STENCILS = {"forward": (1, 2), "central": (-2, -1, 1, 2), "neighbours": (-1, 1)}
 class HeldOut:
     """The held-out part of a recording, as the scores use it.
 
-    ``encoded`` and ``forcing`` are smoothed (for initial states, references and forcing), ``latents`` and
-    ``inputs`` are as encoded and measured. Scores begin at frame ``skip``. ``dt_s`` is the median spacing,
-    by which horizons are counted in frames; ``time_s`` [s] are the instants of unevenly spaced frames, and
-    velocities and rollouts use these. ``stencil`` are the frames, counted from a start, whose states give
+    ``encoded`` and ``forcing`` are smoothed, for initial states and forcing. ``latents`` and ``inputs`` are
+    as encoded and measured; forecasts are compared with these, which no frame ahead has made smoother. Scores
+    begin at frame ``skip``. ``dt_s`` is the median spacing, by which horizons are counted in frames;
+    ``time_s`` [s] are the instants of unevenly spaced frames, and velocities and rollouts use these.
+    ``stencil`` are the frames, counted from a start, whose states give
     the initial velocity together with the start's own, unless the model measures ``velocities`` itself.
     Where ``forcing`` holds more than this frame's inputs, ``standing`` is its value had the inputs always
     been constant.
@@ -145,10 +146,11 @@ def explain_shortage(held: HeldOut, *, length: int, margin: int) -> str:
 
 
 def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: int) -> Int64[np.ndarray, " B"]:
-    """Random start frames whose ``length`` states and velocity stencil stay within one clip.
+    """Random start frames whose ``length`` states and velocity stencil stay within one clip, none twice.
 
-    On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``. Drawn
-    with replacement, so windows may overlap; ``margin`` frames are needed after each.
+    On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``, with
+    others for repeated ones; fewer than ``count`` where there are fewer. Windows may overlap, see
+    `group_windows`; ``margin`` frames are needed after each.
 
     Raises:
         ValueError: no clip of the scored part is long enough.
@@ -157,8 +159,22 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     if why := explain_shortage(held, length=length, margin=margin):
         raise ValueError(why)
     valid = np.concatenate([np.arange(start, stop - span) for start, stop in held.clips])
-    draws = np.random.default_rng(seed).integers(0, valid.size, size=count)
-    return valid[draws].astype(np.int64)
+    rng = np.random.default_rng(seed)
+    draws = [*rng.integers(0, valid.size, size=count), *rng.permutation(valid.size)]
+    return valid[list(dict.fromkeys(draws))[:count]].astype(np.int64)
+
+
+def group_windows(starts: Int64[np.ndarray, " B"], length: int) -> Int64[np.ndarray, " B"]:
+    """Number of the group of each window of ``length`` frames; the first windows of groups do not overlap.
+
+    There are as many distinct windows as groups. Errors of windows in one group are of the same motion.
+    """
+    groups, first, number = np.zeros(len(starts), dtype=np.int64), -length, -1
+    for i in np.argsort(starts, kind="stable"):
+        if starts[i] >= first + length:
+            first, number = starts[i], number + 1
+        groups[i] = number
+    return groups
 
 
 def initial_states(

@@ -19,7 +19,7 @@ HEIGHT, WIDTH = 6, 5
 
 def settings(**changes) -> EvaluateConfig:
     schema = OmegaConf.structured(EvaluateConfig)
-    changes = {"starts": 12, "bootstrap": 200} | changes
+    changes = {"starts": 12} | changes
     return OmegaConf.to_object(OmegaConf.merge(schema, OmegaConf.load(DEFAULTS), changes))
 
 

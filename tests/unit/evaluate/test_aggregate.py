@@ -4,12 +4,13 @@ import copy
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from lagsplat.evaluate.aggregate import (
     SPREAD_OVER_SEEDS,
     SPREAD_OVER_WINDOWS,
     aggregate,
-    bootstrap_interval,
+    jackknife_interval,
     paired_margin,
 )
 
@@ -34,7 +35,7 @@ def run(mse: float, *, frequency_error: float | None = 0.05, diverged: int = 0, 
             "rollouts": 101,
         },
         "intervals": {"mse_half_second": [0.9 * mse, 1.1 * mse], "frequency_error": [None, None]},
-        "forecast": {"per_window": per_window.tolist(), "starts": list(range(50)), "states": 30},
+        "forecast": {"per_window": per_window.tolist(), "starts": list(range(0, 1500, 30)), "states": 30},
         "frequency": {"n_windows": 1, "estimator": "spectral peak"},
     }
 
@@ -93,16 +94,21 @@ def test_paired_margin_sees_what_overlapping_means_hide():
 
 def test_pairs_need_the_same_windows():
     other = run(1.0)
-    other["forecast"]["starts"] = list(range(1, 51))
+    other["forecast"]["starts"] = list(range(1, 1501, 30))
     with pytest.raises(ValueError, match="windows differ"):
         paired_margin([run(1.0)], [other], score="mse_half_second")
 
 
-def test_bootstrap_of_a_mean_matches_the_normal_interval():
-    values = np.random.default_rng(0).normal(3.0, 1.0, size=400)
-    low, high = bootstrap_interval(
-        lambda drawn: drawn.mean(axis=-1), values, resamples=4000, confidence=0.95, seed=1
-    )
-    half = 1.96 * values.std() / 20
-    assert low == pytest.approx(values.mean() - half, abs=0.1 * half)
-    assert high == pytest.approx(values.mean() + half, abs=0.1 * half)
+def test_the_interval_of_a_mean_of_single_windows_is_students():
+    values = np.random.default_rng(0).normal(3.0, 1.0, size=40)
+    low, high = jackknife_interval(lambda mean: mean, values, groups=np.arange(40), confidence=0.95)
+    wanted = t.interval(0.95, 39, values.mean(), values.std(ddof=1) / np.sqrt(40))
+    assert [low, high] == pytest.approx(list(wanted))
+
+
+def test_overlapping_windows_do_not_narrow_an_interval():
+    few = np.random.default_rng(0).normal(3.0, 1.0, size=4)
+    repeated, groups = np.repeat(few, 12), np.repeat(np.arange(4), 12)
+    alone = jackknife_interval(lambda mean: mean, few, groups=np.arange(4))
+    assert jackknife_interval(lambda mean: mean, repeated, groups=groups) == pytest.approx(alone)
+    assert jackknife_interval(lambda mean: mean, few[:2], groups=np.arange(2)) == [None, None]

@@ -32,7 +32,7 @@ def test_agrees_with_the_protocol_by_hand(scale):
     assert result["states"] == 30
     assert np.allclose(result["per_window"], expected, rtol=1e-6)
     assert result["mse"] == pytest.approx(np.mean(expected))
-    assert result["standard_error"] == pytest.approx(np.std(expected, ddof=1) / np.sqrt(12))
+    assert 3 <= result["distinct"] <= 12
     assert result["low"] < result["mse"] < result["high"]
     assert result["diverged"] == 0
     assert result["mse_staying"] == pytest.approx(result["mse"])
@@ -72,5 +72,8 @@ def test_a_law_that_always_diverges_scores_worse_than_the_mean_frame_after_its_f
     assert result["mse"] > 0.9 * result["mean_frame"]
 
 
-def test_one_window_has_no_standard_error():
-    assert image_forecast(subject(), settings(starts=1))["standard_error"] is None
+def test_one_window_has_no_interval():
+    result = image_forecast(subject(), settings(starts=1))
+    assert result["distinct"] == 1
+    assert result["low"] is None
+    assert result["high"] is None

@@ -11,6 +11,7 @@ from lagsplat.evaluate.protocol import (
     cut_windows,
     draw_starts,
     explain_shortage,
+    group_windows,
     initial_states,
     pin_diverged,
 )
@@ -18,10 +19,24 @@ from tests.unit.evaluate.stand_ins import DT_S, cut, world
 from tests.unit.evaluate.tiny_run import lagrangian
 
 
-def test_starts_of_one_clip_are_the_published_draw():
+def test_starts_of_one_clip_are_the_published_draw_but_for_repeated_ones():
     held, _ = world()
     starts = draw_starts(held, length=30, margin=0, count=50, seed=0)
-    assert np.array_equal(starts, np.random.default_rng(0).integers(40, 1500 - 30, size=50))
+    published = np.random.default_rng(0).integers(40, 1500 - 30, size=50)
+    assert len(np.unique(starts)) == 50
+    once = list(dict.fromkeys(published))
+    assert np.array_equal(starts[: len(once)], once)
+
+
+def test_no_more_starts_than_there_are():
+    held = cut(world()[0], 100)
+    starts = draw_starts(replace(held, segments=((0, 100),)), length=50, margin=0, count=500, seed=0)
+    assert sorted(starts) == list(range(held.skip, 50))
+
+
+def test_windows_of_one_group_overlap_and_first_ones_do_not():
+    starts = np.array([95, 0, 10, 29, 30, 64, 60])
+    assert group_windows(starts, 30).tolist() == [3, 0, 0, 0, 1, 2, 2]
 
 
 def test_starts_never_cross_a_cut_nor_enter_the_skip():
