@@ -62,8 +62,7 @@ class Config:
     """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
     forecasters: list[str]  # choices of `conf/forecaster` that stand in it
     forecaster_seeds: list[int]  # seeds of the forecasters and of the free differential equation
-    autoencoder_seeds: list[int]  # seeds of stage 1
-    seeds: list[int]  # seeds of stage 2, for each autoencoder
+    seeds: list[int]  # of a run each, for stage 1 and stage 2 alike
     choices: dict[str, str]  # name of the file chosen in each group; filled in by :func:`compose`
     system: SystemConfig
     recording: RecordingConfig
@@ -99,7 +98,7 @@ class Config:
             for name in names:
                 if name not in options(group):
                     raise ValueError(f"{key}={names}: {name!r} is not one of {options(group)} (conf/{group})")
-        for key in ("autoencoder_seeds", "seeds", "baseline_seeds", "forecaster_seeds"):
+        for key in ("seeds", "baseline_seeds", "forecaster_seeds"):
             seeds = getattr(self, key)
             if not seeds or min(seeds) < 0 or len(set(seeds)) < len(seeds):
                 raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")

@@ -116,11 +116,10 @@ def shared_experiment(overrides: Overrides) -> Config:
 
 
 def _runs_of(experiment: Config, stage2: str) -> list[PlannedRun]:
-    """A run for each pair of seeds of one system's experiment."""
+    """A run of one system's experiment for each seed, of stage 1 and stage 2 alike."""
     chosen = experiment.choices
     place = (chosen["profile"], chosen["recording"], chosen["system"], chosen["stage1"])
-    seeds = [(ae, seed) for ae in experiment.autoencoder_seeds for seed in experiment.seeds]
-    return [PlannedRun(*place, ae, stage2, seed) for ae, seed in seeds]
+    return [PlannedRun(*place, seed, stage2, seed) for seed in experiment.seeds]
 
 
 def _unless_left_out(overrides: Overrides, key: str, names: list[str]) -> list[str]:

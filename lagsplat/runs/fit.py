@@ -41,7 +41,7 @@ def fit_run(
 ) -> FittedRun:
     """Fit every stage to the experiment's recording and write the artefacts to the folder ``out``.
 
-    The first autoencoder seed and the first dynamics seed of the experiment are used. A fit that was stopped
+    The first seed of the experiment is used. A fit that was stopped
     continues from the checkpoint of stage 1.
 
     Args:
@@ -66,7 +66,7 @@ def fit_run(
     recording = split_train_held_out(made, experiment.recording.split)
     train, _ = recording.split()
     save_recording(out / "recording.safetensors", recording)
-    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.autoencoder_seeds[0]
+    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.seeds[0]
     identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
     novel = supervision = None
     if experiment.views is not None:

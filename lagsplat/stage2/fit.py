@@ -9,6 +9,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -127,7 +128,8 @@ def fit_dynamics(
     if fit.solved is not None:
         problem, windows = fit.solved
         theta = problem.parameters.read().numpy()
-        report.draws = draw_parameters(problem.score_windows(windows), theta, seed=seed)
+        with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
+            report.draws = draw_parameters(problem.score_windows(windows), theta, seed=seed)
     report.wall_s = time.perf_counter() - fit.started_s
     return lagrangian, report
 
@@ -221,6 +223,22 @@ def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
     return grown
 
 
+def list_lower_degrees(form: FormConfig) -> list[FormConfig]:
+    """The form and those of lower degrees down to a linear law, each one degree below the one before.
+
+    The degree of the inputs is lowered first, then that of the potential, and so on.
+    """
+    forms = [form]
+    while (forms[-1].potential_degree, forms[-1].input_degree) != (2, 1):
+        potential, inputs = forms[-1].potential_degree, forms[-1].input_degree
+        of_inputs = inputs > 1 and (inputs >= potential - 1 or potential == 2)
+        if of_inputs:
+            forms.append(replace(forms[-1], input_degree=inputs - 1))
+        else:
+            forms.append(replace(forms[-1], potential_degree=potential - 1))
+    return forms
+
+
 def choose_time_unit(
     trajectory: EncodedTrajectory, metric: Float[np.ndarray, "d d"], *, stride_frames: int
 ) -> float:
@@ -306,12 +324,12 @@ class BestCheckpoint:
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
-LIKELIHOOD_LEGS = ((0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
+LIKELIHOOD_LEGS = ((0.2, 0.3), (0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
 """Length of the windows, as a share of the final one, and their coupling, in each leg of a likelihood fit.
 
 Set by hand at 324f7c3 with the simulated arm of one segment in view.
 """
-BUMP_SHARES = (0.1, 0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
+BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
 MOST_PIECES = 4  # of a frame
@@ -422,10 +440,9 @@ class DynamicsFit:
             ValueError: no degree forecasts the clip better than its mean state does.
         """
         form = self.config.form
-        ladder = [form]
-        while (ladder[-1].potential_degree, ladder[-1].input_degree) != (2, 1):
-            potential, inputs = ladder[-1].potential_degree - 1, ladder[-1].input_degree - 1
-            ladder.append(replace(form, potential_degree=max(2, potential), input_degree=max(1, inputs)))
+        if not measured.inputs.shape[1]:
+            form = replace(form, input_degree=1)
+        ladder = list_lower_degrees(form)
         smooth = replace(self.trajectory, inputs=measured.inputs)
         self._start_from_weak_form(measured, ladder)
         tried = ladder[: ladder.index(self.lagrangian.form)]
@@ -494,8 +511,9 @@ class DynamicsFit:
             )
             best = self.best.score
             score = self.score_candidate("likelihood", fitted.steps, fitted.cost)
-            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper
-            if score < AS_GOOD * best:
+            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
+            # where the law fits
+            if score < AS_GOOD * best and fitted.missed < MEAN_STATE:
                 self.best.keep(self.lagrangian, score)
                 self.solved = problem, fitted
                 noise = np.maximum(fitted.rms, LEAST_NOISE)

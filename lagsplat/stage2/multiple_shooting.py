@@ -33,6 +33,7 @@ STRETCHES = 8  # into which the used part of a long recording is divided
 CHUNK = 4096  # states whose derivatives are taken at once
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS = 10  # of a step, each ten times as damped
+MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 CONVERGED = 1e-3  # relative decrease of the misfit
 VAGUE = 1e-2  # precision of the prior about the start of the law's main coefficients
 SHAPE_PRECISION = 1.0  # and about the state dependence of mass and damping
@@ -222,11 +223,15 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Result of a fit: the states at the window starts, and the rms residual of each coordinate."""
+    """Result of a fit: the states at the window starts, and the rms residual of each coordinate.
+
+    ``missed`` is the larger of that and the rms gap, of the worst coordinate [whitened units].
+    """
 
     starts: States
     rms: Float64[np.ndarray, " d"]
     cost: float
+    missed: float
     steps: int
 
 
@@ -250,7 +255,9 @@ class MultipleShooting:
         """Take damped Gauss-Newton steps until the misfit stays, and leave the law at the best parameters."""
         theta, damping, steps = self.prior_mean, FIRST_DAMPING, 0
         now = self.evaluate(theta, starts)
-        for _ in range(iterations):
+        # slopes of windows that diverge lead nowhere
+        lost = not self._missed(now) < MOST_MISSED
+        for _ in range(0 if lost else iterations):
             normal = self.assemble(theta, now)
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
@@ -269,7 +276,12 @@ class MultipleShooting:
                 break
         self.parameters.write(theta)
         rms = (now.position.square().mean((0, 1)).sqrt() * self.noise).numpy()
-        return WindowFit(starts, rms, now.cost, steps)
+        return WindowFit(starts, rms, now.cost, self._missed(now), steps)
+
+    def _missed(self, now: Residuals) -> float:
+        position = now.position.square().mean((0, 1)).sqrt() * self.noise
+        gap = now.gap.square().mean(0).sqrt() * self.coupling if len(now.gap) else position
+        return float(torch.cat([position, gap]).max())
 
     def evaluate(self, theta: Float[Tensor, " p"], starts: States) -> Residuals:
         """Roll out all windows and measure what they miss; the cost of a divergence is infinite."""

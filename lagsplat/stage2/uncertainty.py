@@ -38,7 +38,7 @@ def draw_parameters(
     Raises:
         ValueError: fewer than two windows.
     """
-    n_blocks = min(BLOCKS, max(2, len(scores.scores) // 3))
+    n_blocks = min(BLOCKS, len(scores.scores), max(2, len(scores.scores) // 3))
     if n_blocks < 2:
         raise ValueError(f"{len(scores.scores)} window: a spread needs two at least; record longer clips")
     parts = np.array_split(np.arange(len(scores.scores)), n_blocks)

@@ -32,12 +32,15 @@ BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at 
 MOST_BUMPS = 2000
 MOST_STEPS, CONVERGED = 60, 1e-6
 RIDGE = 1e-6  # on coefficients, with columns of unit size
-STIFFNESS_STATES = 400  # over which the loaded stiffness is averaged
+STIFFNESS_STATES = 200  # at which the loaded stiffness is measured
+LEAST_STIFFNESS = 0.02  # its smallest eigenvalue at these states, of which the mean of all is about 1
+CONVEXITY = 10.0  # weight of a stiffness below that
 FIRST_FACTOR = 0.1  # of M and C, where the stiffness is 1
 MASS_FLOOR, DAMPING_FLOOR = 3e-3, 1e-4  # of the mean eigenvalue at the start
 
 Matrix = Float64[np.ndarray, "d d"]
 Columns = Float64[np.ndarray, "T k d"]
+Curvatures = Float64[np.ndarray, "s k d d"]
 
 
 def fit_weak_form(
@@ -66,13 +69,13 @@ def fit_weak_form(
     target = -d * static[:, squares[0]]
     static[:, squares[1:]] -= static[:, squares[:1]]
     static = np.delete(static, squares[0], axis=1)
-    curvatures = _average_curvatures(q, u, exponents, input_exponents)
-    offset = d * curvatures[squares[0]]
-    curvatures[squares[1:]] -= curvatures[squares[0]]
+    curvatures = _list_curvatures(q, u, exponents, input_exponents)
+    offset = d * curvatures[:, squares[0]]
+    curvatures[:, squares[1:]] -= curvatures[:, squares[:1]]
     balance = _Balance(
         np.concatenate([static, inertia, viscous], axis=1),
         target,
-        np.delete(curvatures, squares[0], axis=0),
+        np.delete(curvatures, squares[0], axis=1),
         offset,
         # a mode above half the frame rate shows in no film
         (trajectory.dt_s / (np.pi * time_unit_s)) ** 2,
@@ -179,90 +182,99 @@ def _symmetric(x: Series) -> Columns:
     return np.stack(columns, axis=1)
 
 
-def _average_curvatures(
+def _list_curvatures(
     q: Series, u: Series, exponents: torch.Tensor, input_exponents: torch.Tensor
-) -> Columns:
-    """Mean Hessian of ``V - u.nu`` by each coefficient, by central differences."""
+) -> Curvatures:
+    """Hessian of ``V - u.nu`` at some states by each coefficient, by central differences."""
     some = np.unique(np.linspace(0, len(q) - 1, STIFFNESS_STATES).astype(int))
     q, u, d = q[some], u[some], q.shape[1]
 
-    def slopes(x: Series) -> np.ndarray:
-        elastic = _gradients(x, exponents).mean(0)
-        pushed = -np.einsum("tn,tkd->nkd", u, _gradients(x, input_exponents)) / len(x)
-        return np.concatenate([elastic, pushed.reshape(-1, d)])
+    def slopes(x: Series) -> Columns:
+        pushed = -u[:, :, None, None] * _gradients(x, input_exponents)[:, None]
+        return np.concatenate([_gradients(x, exponents), pushed.reshape(len(x), -1, d)], axis=1)
 
-    return np.stack([(slopes(q + step) - slopes(q - step)) / 2e-4 for step in 1e-4 * np.eye(d)], axis=2)
+    return np.stack([(slopes(q + step) - slopes(q - step)) / 2e-4 for step in 1e-4 * np.eye(d)], axis=3)
 
 
 @dataclass(frozen=True)
 class _Balance:
     """Balance of forces ``columns.y = target`` of all bumps; ``y`` are static coefficients, then M and C.
 
-    The mean loaded stiffness is ``offset + curvatures.static``; ``least_mass`` is the smallest eigenvalue of
-    the mass.
+    The loaded stiffness at some states is ``offset + curvatures.static``; ``least_mass`` is the smallest
+    eigenvalue of the mass.
     """
 
     columns: Columns
     target: Series
-    curvatures: Float64[np.ndarray, "k d d"]
-    offset: Matrix
+    curvatures: Curvatures
+    offset: Float64[np.ndarray, "s d d"]
     least_mass: float
 
     def minimize_displacements(self) -> tuple[np.ndarray, Matrix, Matrix]:
         """Static coefficients, mass and damping that leave the smallest errors as displacements."""
-        d, k = self.target.shape[1], len(self.curvatures)
+        d, k = self.target.shape[1], self.curvatures.shape[1]
         eye = np.eye(d)
-        level = np.linalg.lstsq(self.curvatures.reshape(k, -1).T, (eye - self.offset).ravel(), rcond=None)[0]
+        mean, offset = self.curvatures.mean(0), self.offset.mean(0)
+        level = np.linalg.lstsq(mean.reshape(k, -1).T, (eye - offset).ravel(), rcond=None)[0]
         factors = np.tile(FIRST_FACTOR * eye[np.tril_indices(d)], 2)
         scale = np.concatenate([1.0 / self._sizes, np.ones(len(factors))])
 
+        z = np.concatenate([level, factors]) / scale
+        for convexity in (0.0, CONVEXITY):
+            z = self._minimize(z, scale, convexity)
+        theta = scale * z
+        mass, damping = self._multiply(self._unpack(theta))
+        return theta[:k], mass, damping
+
+    def _minimize(self, start: np.ndarray, scale: np.ndarray, convexity: float) -> np.ndarray:
         def misfit(z: np.ndarray) -> float:
-            return 0.5 * float(np.square(self._miss(scale * z)[0]).sum())
+            return 0.5 * float(np.square(self._miss(scale * z, convexity)[0]).sum())
 
         @lru_cache(maxsize=1)
         def slopes(z: bytes) -> tuple[np.ndarray, np.ndarray]:
             theta = scale * np.frombuffer(z)
-            by_z = self._differentiate(theta) * scale
-            return by_z.T @ self._miss(theta)[0], by_z.T @ by_z
+            by_z = self._differentiate(theta, convexity) * scale
+            return by_z.T @ self._miss(theta, convexity)[0], by_z.T @ by_z
 
         solved = minimize(
             misfit,
-            np.concatenate([level, factors]) / scale,
+            start,
             jac=lambda z: slopes(z.tobytes())[0],
             hess=lambda z: slopes(z.tobytes())[1],  # of Gauss and Newton
             method="trust-exact",
             options={"maxiter": MOST_STEPS, "gtol": CONVERGED},
         )
-        theta = scale * solved.x
-        mass, damping = self._multiply(self._unpack(theta))
-        return theta[:k], mass, damping
+        return solved.x
 
     def _unpack(self, theta: np.ndarray) -> Float64[np.ndarray, "2 d d"]:
         d = self.target.shape[1]
         lower = np.zeros((2, d, d))
-        lower[:, *np.tril_indices(d)] = theta[len(self.curvatures) :].reshape(2, -1)
+        lower[:, *np.tril_indices(d)] = theta[self.curvatures.shape[1] :].reshape(2, -1)
         return lower
 
     def _multiply(self, lower: Float64[np.ndarray, "2 d d"]) -> Float64[np.ndarray, "2 d d"]:
         least = np.array([self.least_mass, 0.0])[:, None, None] * np.eye(lower.shape[1])
         return lower @ lower.swapaxes(1, 2) + least
 
-    def _miss(self, theta: np.ndarray) -> tuple[np.ndarray, Matrix, Series]:
+    def _miss(self, theta: np.ndarray, convexity: float) -> tuple[np.ndarray, Matrix, Series]:
         """Residuals, their weight and the displacements alone."""
-        x, inner = theta[: len(self.curvatures)], np.tril_indices(self.target.shape[1])
+        x, inner = theta[: self.curvatures.shape[1]], np.tril_indices(self.target.shape[1])
         y = np.concatenate([x, *(matrix[inner] for matrix in self._multiply(self._unpack(theta)))])
-        weight = np.linalg.inv(self.offset + np.einsum("k,kij->ij", x, self.curvatures))
+        stiffness = self.offset + np.einsum("k,skij->sij", x, self.curvatures)
+        weight = np.linalg.inv(stiffness.mean(0))
+        short = np.maximum(LEAST_STIFFNESS - np.linalg.eigvalsh(stiffness)[:, 0], 0.0)
         displacements = (np.tensordot(self.columns, y, axes=([1], [0])) - self.target) @ weight.T
         root = np.sqrt(len(displacements))
         prior = np.sqrt(RIDGE) * x * self._sizes
-        return np.concatenate([displacements.ravel() / root, prior]), weight, displacements
+        penalty = convexity * short / np.sqrt(len(short))
+        return np.concatenate([displacements.ravel() / root, prior, penalty]), weight, displacements
 
-    def _differentiate(self, theta: np.ndarray) -> np.ndarray:
-        _, weight, displacements = self._miss(theta)
-        k, d = len(self.curvatures), self.target.shape[1]
+    def _differentiate(self, theta: np.ndarray, convexity: float) -> np.ndarray:
+        _, weight, displacements = self._miss(theta, convexity)
+        k, d = self.curvatures.shape[1], self.target.shape[1]
         rows, cols = np.tril_indices(d)
         by_y = self.columns @ weight.T
-        bent = (weight @ self.curvatures).transpose(2, 0, 1).reshape(d, -1)
+        bent = (weight @ self.curvatures.mean(0)).transpose(2, 0, 1).reshape(d, -1)
         by_y[:, :k] -= (displacements @ bent).reshape(-1, k, d)
         parts, n = [by_y[:, :k]], len(rows)
         for start, lower in zip((k, k + n), self._unpack(theta), strict=True):
@@ -273,8 +285,13 @@ class _Balance:
             parts.append(chain @ by_y[:, start : start + n])
         by_theta = np.concatenate(parts, axis=1).swapaxes(1, 2)
         flat = by_theta.reshape(-1, len(theta)) / np.sqrt(len(displacements))
-        return np.concatenate([flat, np.eye(k, len(theta)) * np.sqrt(RIDGE) * self._sizes[:, None]])
+        values, vectors = np.linalg.eigh(self.offset + np.einsum("k,skij->sij", theta[:k], self.curvatures))
+        weakest = vectors[:, :, 0] * (values[:, :1] < LEAST_STIFFNESS) * np.sqrt(convexity)
+        softer = np.zeros((len(weakest), len(theta)))
+        softer[:, :k] = -np.einsum("si,skij,sj->sk", weakest, self.curvatures, weakest)
+        ridge = np.eye(k, len(theta)) * np.sqrt(RIDGE) * self._sizes[:, None]
+        return np.concatenate([flat, ridge, softer / np.sqrt(len(softer))])
 
     @cached_property
     def _sizes(self) -> np.ndarray:
-        return np.sqrt(np.mean(self.columns[:, : len(self.curvatures)] ** 2, axis=(0, 2)))
+        return np.sqrt(np.mean(self.columns[:, : self.curvatures.shape[1]] ** 2, axis=(0, 2)))

@@ -40,7 +40,7 @@ def drive(seed: int, *, frames: int = 600, noise: float = 0.03, colour: float = 
 
 def test_intervals_hold_the_truth_and_a_file_keeps_the_draws(tmp_path) -> None:
     held = []
-    for seed in range(12):
+    for seed in range(8):
         motion = drive(seed)
         settings = config(form=QUARTIC, likelihood=LikelihoodConfig(600, 8, 1.3))
         law, report = fit_dynamics(motion, np.eye(1), settings, 0, rest=np.zeros(1), measured=motion)
@@ -52,8 +52,8 @@ def test_intervals_hold_the_truth_and_a_file_keeps_the_draws(tmp_path) -> None:
         (frequency, decay), *_ = measure_intervals(modes, drawn)
         held.append([frequency[0] < FREQUENCY_HZ < frequency[1], decay[0] < DECAY_PER_S < decay[1]])
         assert frequency[1] - frequency[0] < 0.1 * FREQUENCY_HZ
-    # of 12 intervals of 90 % fewer than 8 hold with a probability of 0.4 %
-    assert (np.sum(held, axis=0) >= 8).all()
+    # of 8 intervals of 90 % fewer than 5 hold with a probability of 0.5 %
+    assert (np.sum(held, axis=0) >= 5).all()
     save_dynamics(tmp_path / "dynamics.safetensors", law, {}, report)
     np.testing.assert_array_equal(load_parameter_draws(tmp_path / "dynamics.safetensors"), report.draws)
 
@@ -61,12 +61,13 @@ def test_intervals_hold_the_truth_and_a_file_keeps_the_draws(tmp_path) -> None:
 def test_draws_are_as_wide_as_blocks_disagree_and_a_prior_bounds_what_no_window_sees() -> None:
     rng = np.random.default_rng(0)
     scores = np.c_[rng.standard_normal((200, 1)), np.zeros((200, 1))]
-    window_scores = WindowScores(scores, np.diag([200.0, 1e-4]), np.array([0.0, 1e-4]))
+    each = np.tile(np.diag([1.0, 0.0]), (200, 1, 1))
+    window_scores = WindowScores(scores, each, np.diag([200.0, 1e-4]), np.array([0.0, 1e-4]))
     draws = draw_parameters(window_scores, np.array([3.0, 5.0]), seed=1)
     assert draws[:, 0].std() == pytest.approx(1 / np.sqrt(200), rel=0.3)
     assert draws[:, 1].std() == pytest.approx(100.0, rel=0.3)
     with pytest.raises(ValueError, match="1 window: a spread needs two"):
-        draw_parameters(WindowScores(scores[:1], *window_scores[1:]), np.zeros(2), seed=1)
+        draw_parameters(WindowScores(scores[:1], each[:1], *window_scores[2:]), np.zeros(2), seed=1)
 
 
 def test_modes_are_matched_by_their_eigenvalues_and_a_missing_one_has_no_decay() -> None:
