@@ -141,7 +141,7 @@ def compute_long_rollout(
     frequency = compare_frequency(*cut_free_windows(held, integrate, config), dt_s=held.dt_s)
     return LongRollout(
         time_s=time_s,
-        encoded=series.encoded[frames],
+        encoded=series.latents[frames],
         predicted=np.where(diverged[0][:, None], np.nan, rollouts[0]),
         inputs=series.inputs[frames],
         input_units=tuple(dict.fromkeys(recording.input_units)),

@@ -14,7 +14,7 @@ from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
 from lagsplat.stage2.multiple_shooting import ParameterVector
-from lagsplat.stage2.uncertainty import TAILS, draw_modes, measure_intervals
+from lagsplat.stage2.uncertainty import STEP, TAILS, draw_modes, measure_intervals
 from lagsplat.systems.truth import Truth
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited
@@ -180,8 +180,9 @@ def _equilibrium_rows(
         row = _row(f"equilibrium, {name}", float(learned[i]), float(truth.rest[i]))
         row |= {"error": float(errors[i]), "residual": float(residuals[i])}
         if spread:
-            drawn = to_states(np.array([modes.equilibrium for modes in spread]))[:, i]
-            row |= dict(zip(("low", "high"), np.quantile(drawn, TAILS).tolist(), strict=True))
+            moved = to_states(np.array([modes.equilibrium for modes in spread]))[:, i] - learned[i]
+            ends = learned[i] + np.quantile(moved / STEP, TAILS)
+            row |= dict(zip(("low", "high"), ends.tolist(), strict=True))
         rows.append(row)
     return rows
 

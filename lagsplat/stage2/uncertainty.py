@@ -23,6 +23,8 @@ from lagsplat.stage2.multiple_shooting import ParameterVector, WindowScores
 
 COVERAGE = 0.9  # of every interval
 TAILS = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
+STEP = 0.05  # of the way to a drawn law
+LARGEST_LOG = 7.0  # of a ratio: a thousandfold is unknown
 BLOCKS = 10  # of windows, at least three each: neighbours share what is coupled
 DRAWS = 100
 
@@ -57,13 +59,14 @@ def draw_parameters(
 def draw_modes(
     parameters: ParameterVector, draws: Float64[np.ndarray, "n p"], u: Float[Tensor, " n_u"]
 ) -> list[LinearizedModes]:
-    """Modes and equilibria of drawn laws under a constant input ``u``; the law is left as it was.
+    """Modes and equilibria under a constant input ``u`` of laws a `STEP` of the way to the drawn ones.
 
-    A draw without an equilibrium is left out.
+    So near, modes and equilibria are still those of the law, moved: a law that is drawn far from a recording
+    that hardly determines it may be no mechanism at all. The law is left as it was.
     """
     theta, drawn = parameters.read(), []
     for each in draws:
-        parameters.write(torch.from_numpy(each))
+        parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
         with suppress(ValueError, RuntimeError, np.linalg.LinAlgError):
             drawn.append(linearize_modes(parameters.lagrangian, u))
     parameters.write(theta)
@@ -73,12 +76,18 @@ def draw_modes(
 def measure_intervals(
     modes: LinearizedModes, drawn: Sequence[LinearizedModes]
 ) -> Float64[np.ndarray, "m 2 2"]:
-    """Ends [Hz, 1/s] of the intervals of frequency and decay of each mode; empty for no draws."""
+    """Ends [Hz, 1/s] of the intervals of frequency and decay of each mode, from `draw_modes`; empty for none.
+
+    They are those of logarithms, by the delta method.
+    """
     if not drawn:
         return np.zeros((0, 2, 2))
+    ours = np.stack([modes.frequency_hz, modes.decay_per_s], axis=1)
     pairs = np.stack([match_modes(modes, other) for other in drawn])
     with np.errstate(all="ignore"):
-        return np.moveaxis(np.nanquantile(pairs, TAILS, axis=0), 0, 2)
+        moved = np.log(pairs / ours) / STEP
+        spread = np.nanquantile(np.where(np.isfinite(moved), moved, np.nan), TAILS, axis=0)
+        return np.moveaxis(ours * np.exp(np.clip(spread, -LARGEST_LOG, LARGEST_LOG)), 0, 2)
 
 
 def match_modes(modes: LinearizedModes, other: LinearizedModes) -> Float64[np.ndarray, "m 2"]:

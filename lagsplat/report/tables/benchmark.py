@@ -82,7 +82,7 @@ def build_margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict
     """Build a row for each score of each variant that has a constant-coefficient run beside it.
 
     ``runs`` and ``metrics`` as in `group_runs`. ``value`` is how much lower the variant errs, with its
-    bootstrap interval over windows, seeds averaged on both sides; ``decided`` says that the interval excludes
+    interval over distinct windows, seeds averaged on both sides; ``decided`` says that the interval excludes
     zero. Without a constant-coefficient run the table is empty.
     """
     rows: list[dict[str, Any]] = []

@@ -10,6 +10,7 @@ from lagsplat.report.common import table_rows
 from lagsplat.report.common.formatting import (
     escape_latex,
     format_cells,
+    format_digits,
     format_grouped_table,
     format_latex_number,
     format_latex_table,
@@ -88,7 +89,9 @@ def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str
     def format_row(row: Mapping[Any, Any]) -> str:
         return format_cells(
             escape_latex(str(row["quantity"])),
-            *(table_rows.format_score(row, name) for name in ("learned", "truth", "encoded")),
+            table_rows.format_score(row, "learned"),
+            format_known_range(row.get("low"), row.get("high")),
+            *(table_rows.format_score(row, name) for name in ("truth", "encoded")),
             *(table_rows.format_score(row, name, scale=100.0) for name in ("error", "residual")),
         )
 
@@ -99,18 +102,31 @@ def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str
         by="system",
         titles=titles,
         row=format_row,
-        head=[r"Quantity & Learned & Truth & Encoded & Error (\%) & Map (\%) \\"],
-        alignment="lccccc",
+        head=[r"Quantity & Learned & 90\,\% interval & Truth & Encoded & Error (\%) & Map (\%) \\"],
+        alignment="lcccccc",
         caption=(
             "Learned physics of the simulated systems against their truth, which no training saw; profile "
             f"{join_distinct(table['profile'])}; medians over seeds ({seeds}).{brackets} A free rollout is "
             "compared with the true motion over the same frames, both measured by the same fit, which also "
             "reads the encoded motion; the linearised law with the eigenvalues of the true equations. Errors "
             "are relative; that of an equilibrium, and the residual of the map by which a latent is read in "
-            "true coordinates, are fractions of the motion's rms."
+            "true coordinates, are fractions of the motion's rms. Intervals come from blocks of the training "
+            "part, for laws fitted by likelihood; what is in italics the recording does not determine."
         ),
         label="tab:truth",
     )
+
+
+UNDETERMINED = 2.0  # ratio of the ends of an interval, from which a number is not determined
+
+
+def format_known_range(low: float | None, high: float | None) -> str:
+    """Format an interval; in italics where its ends differ by a factor of two, a dash where there is none."""
+    if low is None or high is None or pd.isna(low) or pd.isna(high):
+        return "--"
+    text = f"{format_digits(low)} to {format_digits(high)}"
+    positive = low >= 0.0 and high > 0.0
+    return rf"\emph{{{text}}}" if positive and high > UNDETERMINED * low else text
 
 
 def build_mass_rows(

@@ -154,7 +154,7 @@ def test_latent_error_is_that_of_the_protocol(view, parts):
     held = select_held_out(parts[1], settings())
     off = view.predicted - view.encoded
     error = np.einsum("ti,ij,tj->t", off, held.metric, off)
-    about = held.encoded - held.encoded.mean(axis=0)
+    about = held.latents - held.latents.mean(axis=0)
     scale = np.einsum("ti,ij,tj->t", about, held.metric, about)
     assert view.nrmse == pytest.approx(np.sqrt(error.mean() / scale.mean()))
     assert view.held_nrmse == view.nrmse

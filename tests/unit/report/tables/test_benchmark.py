@@ -162,7 +162,11 @@ def scored(mse: float, *, seed: int = 0, starts: int = 50, **scores: object) -> 
     made = run(0)
     made["scores"] |= {"mse_half_second": mse} | scores
     per_window = mse * np.random.default_rng(seed).uniform(0.9, 1.1, size=starts)
-    made["forecast"] = {"per_window": per_window.tolist(), "starts": list(range(starts)), "states": 30}
+    made["forecast"] = {
+        "per_window": per_window.tolist(),
+        "starts": list(range(0, 30 * starts, 30)),
+        "states": 30,
+    }
     made["training"] = {"steps": 1000, "frames_seen": 32000, "wall_s": 100.0 + 100.0 * seed}
     return made
 
@@ -217,10 +221,10 @@ def test_other_starts_cannot_be_paired():
 
 def scores(level: float, *, period: bool = True) -> dict:
     windows = level * np.linspace(0.9, 1.1, 50)
-    latent = {"starts": list(range(40)), "states": 70, "per_window_image": list(windows[:40])}
+    latent = {"starts": list(range(0, 2800, 70)), "states": 70, "per_window_image": list(windows[:40])}
     return {
         "recording": {"origin": "simulated"},
-        "forecast": {"starts": list(range(50)), "states": 30, "per_window": list(windows)},
+        "forecast": {"starts": list(range(0, 1500, 30)), "states": 30, "per_window": list(windows)},
         "latent": latent if period else {"reason": "no free window"},
     }
 

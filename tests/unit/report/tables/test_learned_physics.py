@@ -15,6 +15,7 @@ from lagsplat.report.tables.learned_physics import (
     build_mass_rows,
     build_physical_table,
     build_truth_table,
+    format_known_range,
     format_mass_latex,
     format_physical_latex,
     format_truth_latex,
@@ -67,9 +68,9 @@ def test_latex(table):
     assert r"\emph{Pendulum}" in text
     lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert len(lines) == 5
-    assert all(len(re.findall(r"(?<!\\)&", line)) == 5 for line in lines)
-    assert r"$2.1\,{\scriptstyle[1.9,\,2.3]}$ & $2$ & $2.01$ & $5$ & --" in lines[1]
-    assert "-- & $2$ & $2.01$ & -- & --" in lines[3]
+    assert all(len(re.findall(r"(?<!\\)&", line)) == 6 for line in lines)
+    assert r"$2.1\,{\scriptstyle[1.9,\,2.3]}$ & -- & $2$ & $2.01$ & $5$ & --" in lines[1]
+    assert "-- & -- & $2$ & $2.01$ & -- & --" in lines[3]
     assert "Brackets: range over seeds" in text
 
 
@@ -186,3 +187,10 @@ def test_latex_compiles(rows, tmp_path):
     (tmp_path / "paper.tex").write_text(document)
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+
+def test_a_range_is_in_italics_where_the_recording_does_not_determine_the_number():
+    assert format_known_range(4.3, 4.6) == "4.3 to 4.6"
+    assert format_known_range(2.0, 30.0) == r"\emph{2 to 30}"
+    assert format_known_range(-0.1, 0.2) == "-0.1 to 0.2"
+    assert format_known_range(None, 0.2) == "--"
