@@ -91,6 +91,7 @@ def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None
 BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
 NEIGHBORS = 15  # nearest frames, between which geodesic distances are summed
 COMPARED_PX = 48  # longer side of the frames that are compared
+# set by hand, with the simulated double pendulum, bag and arms in view
 BLURRED_SHARE = 1 / 12  # standard deviation of the blur with which they are compared, in that side
 SPARE_AXES = 4  # geodesic axes beyond those asked for, which may repeat an axis before
 RIDGE = 1e-4  # regularisation of the readout, relative to the strongest feature

@@ -23,7 +23,11 @@ from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
-STRAIGHTENED_AT = (0.2, 0.35, 0.5, 0.65)  # of the steps: training bends the latents again, ever less
+STRAIGHTENED_AT = (0.2, 0.35, 0.5, 0.65)
+"""Shares of the steps after which latents are straightened: training bends them again, ever less.
+
+Set by hand, with the simulated arms in view.
+"""
 PROBED = 16  # frames of a batch on which the step of the latents is measured
 
 

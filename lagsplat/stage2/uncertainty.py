@@ -23,6 +23,7 @@ from lagsplat.stage2.multiple_shooting import ParameterVector, WindowScores
 
 COVERAGE = 0.9  # of every interval
 TAILS = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
+# The numbers below were set by hand.
 STEP = 0.05  # of the way to a drawn law
 LARGEST_LOG = 7.0  # of a ratio: a thousandfold is unknown
 BLOCKS = 10  # of windows, at least three each: neighbours share what is coupled
@@ -36,6 +37,11 @@ def draw_parameters(
 
     Deviations are stretched so that normal quantiles of the draws are those of Student's t with as many
     degrees of freedom as there are blocks less one. What the windows do not determine varies as its prior.
+
+    Args:
+        scores: of the windows at ``theta``, from `MultipleShooting.score_windows`.
+        theta: the fitted parameters.
+        seed: of the random weights.
 
     Raises:
         ValueError: fewer than two windows.

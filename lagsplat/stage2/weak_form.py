@@ -29,6 +29,7 @@ from lagsplat.stage2.lagrangian import SOFT_LIMIT, Coefficients, Floors, Lagrang
 from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
 
 BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
+# The numbers below were set by hand, with both simulated arms in view.
 MOST_BUMPS = 2000
 MOST_STEPS, CONVERGED = 60, 1e-6
 RIDGE = 1e-6  # on coefficients, with columns of unit size
