@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
 
-from lagsplat.chart.trajectory import EncodedTrajectory
+from benchmarks.law_intervals import DECAY_PER_S, FREQUENCY_HZ, record
 from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.fit import fit_dynamics, load_parameter_draws, save_dynamics
 from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
@@ -15,33 +13,13 @@ from lagsplat.stage2.uncertainty import draw_modes, draw_parameters, match_modes
 from tests.stage2_problems import form
 from tests.unit.stage2.test_fit import config
 
-DT_S, FREQUENCY_HZ, DECAY_PER_S = 1 / 30, 1.5, 0.5
 QUARTIC = form(terms="polynomial", potential_degree=4, input_degree=1, matrix_degree=0)
-
-
-def drive(seed: int, *, frames: int = 600, noise: float = 0.03, colour: float = 0.7) -> EncodedTrajectory:
-    """A linear oscillator under a random drive, with noise that is correlated from frame to frame."""
-    rng = np.random.default_rng(seed)
-    time_s = DT_S * np.arange(frames)
-    phases = rng.uniform(0, 2 * np.pi, 6)
-
-    def push(t: np.ndarray | float) -> np.ndarray | float:
-        return sum(np.sin(2 * np.pi * (0.3 + 0.35 * k) * t + phase) for k, phase in enumerate(phases))
-
-    def rate(t: float, state: np.ndarray) -> list[float]:
-        square = (2 * np.pi * FREQUENCY_HZ) ** 2 + DECAY_PER_S**2
-        return [state[1], square * (0.3 * push(t) - state[0]) - 2 * DECAY_PER_S * state[1]]
-
-    q = solve_ivp(rate, (0, time_s[-1]), [0.0, 0.0], t_eval=time_s, rtol=1e-8, max_step=0.02).y[0]
-    white = rng.standard_normal(frames) * np.sqrt(1 - colour**2)
-    q = q / q.std() + noise * lfilter([1.0], [1.0, -colour], white)
-    return EncodedTrajectory(q[:, None], np.asarray(push(time_s))[:, None], time_s, ((0, frames),))
 
 
 def test_intervals_hold_the_truth_and_a_file_keeps_the_draws(tmp_path) -> None:
     held = []
     for seed in range(8):
-        motion = drive(seed)
+        motion = record(seed)
         settings = config(form=QUARTIC, likelihood=LikelihoodConfig(600, 8, 1.3))
         law, report = fit_dynamics(motion, np.eye(1), settings, 0, rest=np.zeros(1), measured=motion)
         assert report.draws is not None
