@@ -24,7 +24,7 @@ class FormConfig:
     terms: str = "networks"  # or 'polynomial', for which none of the above counts
     potential_degree: int = 4  # of a polynomial potential
     input_degree: int = 3  # of the polynomial volume of each input
-    matrix_degree: int = 1  # of the factor of a polynomial M and C, which have twice this degree; 0: constant
+    matrix_degree: int = 1  # of the frame of a polynomial M and C, which have twice this degree; 0: constant
 
     def __post_init__(self) -> None:
         check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))

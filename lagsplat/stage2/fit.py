@@ -215,8 +215,11 @@ def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
     )
     state = grown.state_dict()
     for name, values in law.state_dict().items():
-        if name in ("energy.coefficients", "energy.input_coefficients"):
-            state[name].zero_()[..., : values.shape[-1]] = values  # they are in the order of degrees
+        # polynomials are in the order of degrees
+        if name.startswith("energy.") and name.endswith("coefficients"):
+            state[name].zero_()[..., : values.shape[-1]] = values
+        elif name.endswith("frame.coefficients"):
+            state[name].zero_()[: len(values)] = values
         else:
             state[name] = values
     grown.load_state_dict(state)
@@ -324,14 +327,16 @@ class BestCheckpoint:
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
-LIKELIHOOD_LEGS = ((0.2, 0.3), (0.5, 0.3), (1.0, 0.1), (1.0, 0.01))
-"""Length of the windows, as a share of the final one, and their coupling, in each leg of a likelihood fit.
-
-Set by hand at 324f7c3 with the simulated arm of one segment in view.
-"""
+FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
+"""Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
+FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
+COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
+"""The same, until the motion follows the law alone."""
+INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
-LARGEST_PHASE = 0.6  # of the fastest mode in one step of the Runge-Kutta method [rad]: its error is 0.1 %
+LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
+ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
 AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the law of higher likelihood is kept
 # (by hand, with the rocking chair in view)
@@ -368,14 +373,16 @@ class DynamicsFit:
         self.trajectory, self.config, self.seed = trajectory, config, seed
         self.anchor: objective.Anchor | None = None
         self.solved: tuple[MultipleShooting, WindowFit] | None = None  # of the best law
+        self.evidence, self.coupling = -math.inf, COUPLED_LEGS[0][1]  # for it [nat], and between its windows
         self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
 
-    def score_candidate(self, stage: str, step: int, loss: float) -> float:
-        """Score the law as it is, keep it if it is the best, and add it to the training curve."""
+    def score_candidate(self, stage: str, step: int, loss: float, *, keep: bool = True) -> float:
+        """Score the law as it is, ``keep`` it if it is the best, and add it to the training curve."""
         score = self.validation.score(self.lagrangian)
-        self.best.consider(self.lagrangian, score)
+        if keep:
+            self.best.consider(self.lagrangian, score)
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
         self.on_candidate(row)
@@ -434,7 +441,7 @@ class DynamicsFit:
         """Fit a polynomial law by its weak form and then by maximum likelihood.
 
         The start has the degrees with which the weak form forecasts best. The law grows from them to those
-        that are asked for, degree by degree, as long as its forecasts improve.
+        that are asked for, degree by degree, as long as the evidence grows.
 
         Raises:
             ValueError: no degree forecasts the clip better than its mean state does.
@@ -442,20 +449,25 @@ class DynamicsFit:
         form = self.config.form
         if not measured.inputs.shape[1]:
             form = replace(form, input_degree=1)
-        ladder = list_lower_degrees(form)
+        ladder = list_lower_degrees(replace(form, matrix_degree=0))
         smooth = replace(self.trajectory, inputs=measured.inputs)
         self._start_from_weak_form(measured, ladder)
         tried = ladder[: ladder.index(self.lagrangian.form)]
         self.report.scores["start"] = self.best.score
-        self._refine(measured, smooth)
+        self.noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
+        self.memory = np.zeros_like(self.noise)
+        self._refine(measured, smooth, FIRST_LEGS, part=4, estimate_noise=True)
+        self._refine(measured, smooth, COUPLED_LEGS, part=2)
         for higher in reversed(tried):
-            law, state, score, solved = self.lagrangian, self.best.state, self.best.score, self.solved
-            self.lagrangian = grow_law(law, higher, seed=self.seed)
-            self.best.keep(self.lagrangian, self.score_candidate("start", 0, float("nan")))
-            self._refine(measured, smooth)
-            if self.best.score >= score:
-                self.lagrangian, self.best.state, self.best.score, self.solved = law, state, score, solved
+            if not self._grow(higher, measured, smooth):
                 break
+        if form.matrix_degree:
+            self._grow(replace(self.lagrangian.form, matrix_degree=form.matrix_degree), measured, smooth)
+        if self.solved is not None:
+            fitted = self.solved[1]
+            self.noise, self.memory = np.maximum(fitted.rms, LEAST_NOISE), fitted.memory
+            self.evidence = -math.inf
+            self._refine(measured, smooth, [leg for leg in COUPLED_LEGS if leg[1] <= self.coupling], part=1)
         self.report.scores["likelihood"] = self.best.score
         if not self.best.score < MEAN_STATE:
             raise ValueError(
@@ -464,6 +476,19 @@ class DynamicsFit:
                 "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
                 "take stage2=default"
             )
+
+    def _grow(self, form: FormConfig, measured: EncodedTrajectory, smooth: EncodedTrajectory) -> bool:
+        """Refine the law with the terms of ``form``, and return whether the evidence for it grows."""
+        law, state, score, solved = self.lagrangian, self.best.state, self.best.score, self.solved
+        evidence = self.evidence
+        self.lagrangian = grow_law(law, form, seed=self.seed)
+        self.best.keep(self.lagrangian, score)
+        self._refine(measured, smooth, [(1.0, self.coupling)], part=2)
+        better = self.evidence > evidence
+        if not better:
+            self.lagrangian, self.best.state, self.best.score, self.solved = law, state, score, solved
+            self.evidence = evidence
+        return better
 
     def _start_from_weak_form(self, measured: EncodedTrajectory, ladder: Sequence[FormConfig]) -> None:
         """Keep the law that forecasts best of those with these degrees and with bumps of several widths."""
@@ -484,21 +509,35 @@ class DynamicsFit:
     def _set_time_scales(self, measured: EncodedTrajectory) -> None:
         """Let the fastest mode decide how many steps divide a frame, the slowest how long windows are."""
         modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
-        fastest = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s).max()
-        pieces = np.clip(math.ceil(fastest * measured.dt_s / LARGEST_PHASE), 1, MOST_PIECES)
+        sizes = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * measured.dt_s
+        pieces = math.ceil(max(sizes.max() / LARGEST_STEP, sizes.min() / ACCURATE_STEP))
+        pieces = np.clip(pieces, 1, MOST_PIECES)
         self.lagrangian.longest_step = measured.dt_s / self.time_unit_s / int(pieces)
         oscillating = [f for f in modes.frequency_hz if f > 0]
         if oscillating:
             self.period_frames = max(4, round(1.0 / (min(oscillating) * measured.dt_s)))
 
-    def _refine(self, measured: EncodedTrajectory, smooth: EncodedTrajectory) -> None:
-        """Fit the law to windows that grow and are coupled ever closer."""
+    def _refine(
+        self,
+        measured: EncodedTrajectory,
+        smooth: EncodedTrajectory,
+        legs: Sequence[tuple[float, float]],
+        *,
+        part: int,
+        estimate_noise: bool = False,
+    ) -> None:
+        """Fit the law to windows that grow and are coupled ever closer, as long as the evidence allows it.
+
+        What the law does not explain is so taken for noise of the encoder, as long as it can be that. One
+        ``part`` of the frames in so many is used: evidences are compared under the same noise and frames
+        alone. ``estimate_noise`` updates the noise after each leg instead.
+        """
         likelihood = self.config.likelihood
-        segments = choose_stretches(measured.segments, frames=likelihood.frames)
-        longest = max(stop - start for start, stop in segments) - 1
-        noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
-        for share, coupling in LIKELIHOOD_LEGS:
+        for share, coupling in legs:
+            frames = max(likelihood.frames // part, FEWEST_PERIODS * self.period_frames)
+            segments = choose_stretches(measured.segments, frames=frames)
             n = round(share * likelihood.periods * self.period_frames)
+            longest = max(stop - start for start, stop in segments) - 1
             problem, fitted = fit_windows(
                 self.lagrangian,
                 measured,
@@ -506,19 +545,28 @@ class DynamicsFit:
                 segments,
                 n=int(np.clip(n, min(4, longest), longest)),
                 coupling=coupling,
-                noise=noise,
+                noise=self.noise,
+                memory=self.memory,
                 iterations=likelihood.iterations,
             )
-            best = self.best.score
-            score = self.score_candidate("likelihood", fitted.steps, fitted.cost)
+            fits, best = fitted.missed < MEAN_STATE, self.best.score
+            score = self.score_candidate("likelihood", fitted.steps, fitted.cost, keep=estimate_noise)
+            if estimate_noise:
+                if fitted.steps:
+                    self.noise, self.memory = np.maximum(fitted.rms, LEAST_NOISE), fitted.memory
+                else:
+                    self.best.restore(self.lagrangian)
+                continue
             # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
             # where the law fits
-            if score < AS_GOOD * best and fitted.missed < MEAN_STATE:
-                self.best.keep(self.lagrangian, score)
-                self.solved = problem, fitted
-                noise = np.maximum(fitted.rms, LEAST_NOISE)
-            else:
-                self.best.restore(self.lagrangian)
+            if fits and score < AS_GOOD * best:
+                evidence = problem.measure_evidence(fitted)
+                if evidence > self.evidence - INDIFFERENT:
+                    self.evidence, self.coupling, self.solved = evidence, coupling, (problem, fitted)
+                    self.best.keep(self.lagrangian, score)
+                    continue
+            self.best.restore(self.lagrangian)
+            break
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""

@@ -24,7 +24,7 @@ from lagsplat.stage2.networks import (
     pull_back,
     push_forward,
 )
-from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField
+from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField, PolynomialFrame
 
 SOFT_LIMIT = 5.0  # of polynomials [whitened units, which are standard deviations of the training data]
 FAR_STIFFNESS = 0.01  # of the mean stiffness at the start, beyond that limit
@@ -131,9 +131,14 @@ class Lagrangian(nn.Module):
         self.signed = signed and form.actuation != "linear" and n_inputs > 0 and form.terms != "polynomial"
         self.register_buffer("time_unit_s", torch.tensor(time_unit_s, dtype=torch.float64))
         self.mass_term: MatrixField | ConstantMatrix | PolynomialField | InducedMass
+        self.damping_term: MatrixField | ConstantMatrix | PolynomialField
         self.energy: PolynomialEnergy | None = None
         polynomial = form.terms == "polynomial"
-        if polynomial or form.mass != "induced":
+        if polynomial:
+            frame = PolynomialFrame(d, degree=form.matrix_degree, reach=SOFT_LIMIT)
+            self.mass_term = PolynomialField(start.mass, floor=floors.mass, frame=frame)
+            self.damping_term = PolynomialField(start.damping, floor=floors.damping, frame=frame)
+        elif form.mass != "induced":
             self.mass_term = _make_matrix(form, form.mass, start.mass, floors.mass, generator)
         elif geometry is not None:
             self.mass_term = InducedMass(geometry, scale=mass_scale, floor=floors.mass)
@@ -142,7 +147,8 @@ class Lagrangian(nn.Module):
                 "stage2.form.mass='induced' needs the decoder's geometry; pass geometry=DecoderGeometry(...) "
                 "or choose 'learned' or 'constant'"
             )
-        self.damping_term = _make_matrix(form, form.damping, start.damping, floors.damping, generator)
+        if not polynomial:
+            self.damping_term = _make_matrix(form, form.damping, start.damping, floors.damping, generator)
         self.curvature: InputStiffnessPrior | None = None
         stiffness = start.stiffness
         if start.input_stiffness is not None and form.actuation != "linear" and not polynomial:
@@ -290,9 +296,7 @@ class Lagrangian(nn.Module):
 
 def _make_matrix(
     form: FormConfig, kind: str, start: Tensor, floor: float, generator: torch.Generator
-) -> MatrixField | ConstantMatrix | PolynomialField:
-    if form.terms == "polynomial":
-        return PolynomialField(start, floor=floor, degree=form.matrix_degree, reach=SOFT_LIMIT)
+) -> MatrixField | ConstantMatrix:
     if kind == "constant":
         return ConstantMatrix(start, floor=floor)
     return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)

@@ -18,25 +18,29 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int
-from torch import Tensor, nn
-from torch.func import functional_call, jacrev, vmap
+from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.polynomials import ForceBalance, PolynomialField
 from lagsplat.stage2.rollout import advance_under, interpolate_inputs, split_inputs
+from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step
 
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] at the start of each window
 Paths = Float[Tensor, "K n s"]
 
 # The numbers below were set by hand, with the simulated arm of one segment in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
-CHUNK = 4096  # states whose derivatives are taken at once
+CHUNK = 512  # states whose derivatives are taken at once, which fit the cache
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS = 10  # of a step, each ten times as damped
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
+LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
 CONVERGED = 1e-3  # relative decrease of the misfit
-VAGUE = 1e-2  # precision of the prior about the start of the law's main coefficients
-SHAPE_PRECISION = 1.0  # and about the state dependence of mass and damping
+VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
+EDGE = (
+    3.0  # of the data [standard deviations], at which a monomial is expected to be no larger than a spring's
+)
 
 
 @dataclass(frozen=True)
@@ -110,29 +114,16 @@ def cut_windows(
     )
 
 
-class _Step(nn.Module):
-    """One frame of a law as a module, so that it can be called with other parameters."""
-
-    def __init__(self, lagrangian: Lagrangian) -> None:
-        super().__init__()
-        self.lagrangian = lagrangian
-
-    def forward(
-        self, state: Float[Tensor, "B s"], u: Float[Tensor, "B nodes n_u"], step: Float[Tensor, "B 1"]
-    ) -> Float[Tensor, "B s"]:
-        d = self.lagrangian.d
-        ready = self.lagrangian.prepare()
-        q, v = advance_under(self.lagrangian, state[:, :d], state[:, d:], u, step=step, ready=ready)
-        return torch.cat([q, v], 1)
-
-
 class ParameterVector:
-    """The free parameters of a law as one vector, and the frame-by-frame step as a function of it."""
+    """The free parameters of a polynomial law as one vector, and rollouts as a function of it."""
 
     def __init__(self, lagrangian: Lagrangian) -> None:
-        self.lagrangian, self.module = lagrangian, _Step(lagrangian)
-        self.parts = {f"lagrangian.{n}": p for n, p in lagrangian.named_parameters() if p.requires_grad}
-        self.derivatives = vmap(jacrev(self._step_one, argnums=(0, 1)), in_dims=(None, 0, 0, 0))
+        energy, mass, damping = lagrangian.energy, lagrangian.mass_term, lagrangian.damping_term
+        assert energy is not None
+        assert isinstance(mass, PolynomialField)
+        assert isinstance(damping, PolynomialField)
+        self.lagrangian, self.terms = lagrangian, (energy, mass, damping)
+        self.parts = {name: p for name, p in lagrangian.named_parameters() if p.requires_grad}
 
     def read(self) -> Float[Tensor, " p"]:
         """The parameters as they are."""
@@ -144,46 +135,65 @@ class ParameterVector:
             for parameter, value in zip(self.parts.values(), self._split(theta).values(), strict=True):
                 parameter.copy_(value)
 
-    def precision(self) -> Float[Tensor, " p"]:
-        """Precision of the prior: vague, but for the shapes of mass and damping."""
-        shapes = ("mass_term.coefficients", "damping_term.coefficients")
-        rows = [
-            torch.full((p.numel(),), SHAPE_PRECISION if name.endswith(shapes) else VAGUE)
-            for name, p in self.parts.items()
-        ]
-        return torch.cat(rows).double()
+    def weigh_prior(self) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+        """Mean and precision of the prior.
+
+        It is vague about the parameters as they are, and expects of each monomial above a spring's, and of
+        the frame, to be small at the edge of the data. What the recording does not determine is left out so.
+        """
+        energy, mass, _ = self.terms
+        degrees = {
+            "energy.coefficients": energy.exponents.sum(1),
+            "energy.input_coefficients": energy.input_exponents.sum(1),
+            "mass_term.frame.coefficients": mass.frame.exponents.sum(1)[:, None, None],
+        }
+        mean, precision = [], []
+        for name, p in self.parts.items():
+            degree = degrees.get(name, torch.zeros(()))
+            first = 0 if name.endswith("frame.coefficients") else 2  # the degree of what a linear law has
+            bent = degree > first
+            mean.append(torch.where(bent, 0.0, p.detach()).reshape(-1))
+            at_edge = max(1, first) * EDGE ** (degree - first)
+            precision.append(torch.where(bent, at_edge**2, VAGUE).expand_as(p).reshape(-1))
+        return torch.cat(mean), torch.cat(precision).double()
 
     def scale_direction(self) -> Float[Tensor, " p"]:
         """How the parameters move when all energies and forces grow alike, which no motion shows."""
         shares = {"coefficients": 1.0, "input_coefficients": 1.0, "factor": 0.5}
         rows = []
         for name, p in self.parts.items():
-            of_energy = "energy." in name or name.endswith("factor")
+            of_energy = name.startswith("energy.") or name.endswith("factor")
             rows.append(shares[name.split(".")[-1]] * of_energy * p.detach().reshape(-1))
         return torch.cat(rows)
 
     @torch.no_grad()
     def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
-        """States of all windows, the start included."""
-        path, parameters = [starts], self._split(theta)
+        """States of all windows, the start included; leaves the law at ``theta``."""
+        self.write(theta)
+        law, d = self.lagrangian, self.lagrangian.d
+        path, ready = [starts], law.prepare()
         for i in range(windows.n):
-            arguments = (path[-1], windows.inputs[:, i], windows.steps[:, i, None])
-            path.append(functional_call(self.module, parameters, arguments))
+            u, step = windows.inputs[:, i], windows.steps[:, i, None]
+            path.append(
+                torch.cat(advance_under(law, path[-1][:, :d], path[-1][:, d:], u, step=step, ready=ready), 1)
+            )
         return torch.stack(path, 1)
 
+    @torch.no_grad()
     def differentiate(
         self, theta: Float[Tensor, " p"], path: Paths, windows: Windows
     ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s p"]]:
         """Derivatives of every state by the start of its window and by the parameters."""
+        self.write(theta)
         k, n, s = path.shape
         states, u = path[:, :-1].reshape(-1, s), windows.inputs.flatten(0, 1)
         steps = windows.steps.reshape(-1, 1)
         parts = [
-            self.derivatives(theta, states[i : i + CHUNK], u[i : i + CHUNK], steps[i : i + CHUNK])
+            self._differentiate_frames(states[i : i + CHUNK], u[i : i + CHUNK], steps[i : i + CHUNK])
             for i in range(0, len(states), CHUNK)
         ]
-        by_theta = torch.cat([part[0].detach() for part in parts]).view(k, n - 1, s, -1)
-        by_state = torch.cat([part[1].detach() for part in parts]).view(k, n - 1, s, s)
+        by_state = torch.cat([part[0] for part in parts]).view(k, n - 1, s, s)
+        by_theta = torch.cat([part[1] for part in parts]).view(k, n - 1, s, -1)
         start = torch.eye(s, dtype=path.dtype).expand(k, s, s)
         transition, sensitivity = [start], [path.new_zeros(k, s, by_theta.shape[3])]
         for i in range(n - 1):
@@ -191,12 +201,39 @@ class ParameterVector:
             sensitivity.append(by_state[:, i] @ sensitivity[-1] + by_theta[:, i])
         return torch.stack(transition, 1), torch.stack(sensitivity, 1)
 
+    def _differentiate_frames(
+        self, x: States, u: Float[Tensor, "K nodes n_u"], step: Float[Tensor, "K 1"]
+    ) -> tuple[Float[Tensor, "K s s"], Float[Tensor, "K s p"]]:
+        """Derivatives of the state a frame later by the state ``x`` and by the parameters."""
+        batch, s = x.shape
+        d, pieces = s // 2, u.shape[1] // 2
+        by_state, by_theta, h = (
+            torch.eye(s, dtype=x.dtype).expand(batch, s, s),
+            x.new_zeros(batch, s, 1),
+            step / pieces,
+        )
+        top = torch.eye(s, dtype=x.dtype)[d:].expand(batch, d, s)
+        for i in range(pieces):
+            rates: list[Tensor] = []
+            slopes, inverses, rows = [], [], []
+            for node, reach in ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0)):
+                state = x + reach * h * rates[-1] if rates else x
+                balance = ForceBalance(*self.terms, state, u[:, 2 * i + node])
+                rates.append(torch.cat([state[:, d:], balance.acceleration], 1))
+                slopes.append(torch.cat([top, torch.cat(balance.differentiate_by_state(), 2)], 1))
+                inverses.append(-balance.inverse_mass)
+                blocks = balance.differentiate_by_parameters()
+                rows.append(torch.cat([blocks[name] for name in self.parts], 2))
+            by_start, by_rate = differentiate_runge_kutta_step(slopes, h[:, :, None])
+            weights = [rate[:, :, d:] @ inverse for rate, inverse in zip(by_rate, inverses, strict=True)]
+            by_theta = by_start @ by_theta + torch.cat(weights, 2) @ torch.cat(rows, 1)
+            by_state = by_start @ by_state
+            x = x + h / 6.0 * (rates[0] + 2.0 * rates[1] + 2.0 * rates[2] + rates[3])
+        return by_state, by_theta
+
     def _split(self, theta: Tensor) -> dict[str, Tensor]:
         pieces = theta.split([p.numel() for p in self.parts.values()])
         return {name: x.view(p.shape) for (name, p), x in zip(self.parts.items(), pieces, strict=True)}
-
-    def _step_one(self, theta: Tensor, state: Tensor, u: Tensor, step: Tensor) -> Tensor:
-        return functional_call(self.module, self._split(theta), (state[None], u[None], step[None]))[0]
 
 
 @dataclass(frozen=True)
@@ -223,20 +260,29 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Result of a fit: the states at the window starts, and the rms residual of each coordinate.
+    """Result of a fit: states at the window starts; rms residual of each coordinate and its correlation.
 
     ``missed`` is the larger of that and the rms gap, of the worst coordinate [whitened units].
     """
 
     starts: States
     rms: Float64[np.ndarray, " d"]
+    memory: Float64[np.ndarray, " d"]
     cost: float
     missed: float
     steps: int
 
 
 class MultipleShooting:
-    """A fit in progress: ``noise`` (d,) and ``coupling`` (2 d,) are standard deviations of the residuals."""
+    """A fit in progress.
+
+    Args:
+        parameters: of the law.
+        windows: of the trajectory.
+        noise: standard deviation of the encoded positions, one for each coordinate.
+        memory: correlation of the noise from frame to frame: it is autoregressive.
+        coupling: standard deviation of the gaps between windows, one for each position and velocity.
+    """
 
     def __init__(
         self,
@@ -244,21 +290,23 @@ class MultipleShooting:
         windows: Windows,
         *,
         noise: Float64[np.ndarray, " d"],
+        memory: Float64[np.ndarray, " d"],
         coupling: Float64[np.ndarray, " s"],
     ) -> None:
         self.parameters, self.windows = parameters, windows
-        self.noise, self.coupling = torch.from_numpy(noise), torch.from_numpy(coupling)
+        self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
+        self.coupling = torch.from_numpy(coupling)
         self.before = np.flatnonzero(windows.linked)
-        self.prior_mean, self.precision = parameters.read(), parameters.precision()
+        self.prior_mean, self.precision = parameters.weigh_prior()
 
     def fit(self, starts: States, *, iterations: int) -> WindowFit:
         """Take damped Gauss-Newton steps until the misfit stays, and leave the law at the best parameters."""
-        theta, damping, steps = self.prior_mean, FIRST_DAMPING, 0
+        theta, damping, steps = self.parameters.read(), FIRST_DAMPING, 0
         now = self.evaluate(theta, starts)
         # slopes of windows that diverge lead nowhere
         lost = not self._missed(now) < MOST_MISSED
         for _ in range(0 if lost else iterations):
-            normal = self.assemble(theta, now)
+            normal = self.assemble(theta, now, self.differentiate(theta, now))
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
                     step = solve_normal(normal, self.windows.linked, damping=damping)
@@ -275,11 +323,17 @@ class MultipleShooting:
             if decrease < CONVERGED:
                 break
         self.parameters.write(theta)
-        rms = (now.position.square().mean((0, 1)).sqrt() * self.noise).numpy()
-        return WindowFit(starts, rms, now.cost, self._missed(now), steps)
+        residual = (now.path[:, :-1, : len(self.noise)] - self.windows.targets[:, :-1]).numpy()
+        power = np.mean(residual**2, axis=(0, 1)) + 1e-300
+        memory = np.mean(residual[:, 1:] * residual[:, :-1], axis=(0, 1)) / power
+        return WindowFit(
+            starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
+        )
 
     def _missed(self, now: Residuals) -> float:
-        position = now.position.square().mean((0, 1)).sqrt() * self.noise
+        position = (
+            (now.path[:, :-1, : len(self.noise)] - self.windows.targets[:, :-1]).square().mean((0, 1)).sqrt()
+        )
         gap = now.gap.square().mean(0).sqrt() * self.coupling if len(now.gap) else position
         return float(torch.cat([position, gap]).max())
 
@@ -288,11 +342,17 @@ class MultipleShooting:
         path = self.parameters.roll_out(theta, starts, self.windows)
         d = len(self.noise)
         # the last state of a window is the first of the next
-        position = (path[:, :-1, :d] - self.windows.targets[:, :-1]) / self.noise
+        position = self._whiten((path[:, :-1, :d] - self.windows.targets[:, :-1])[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         prior = (self.precision * (theta - self.prior_mean).square()).sum()
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
         return Residuals(path, position, gap, cost if np.isfinite(cost) else float("inf"))
+
+    def _whiten(self, residual: Float[Tensor, "K n d k"]) -> Float[Tensor, "K n d k"]:
+        """Residuals as independent ones of unit size, window by window."""
+        fresh = (self.noise * (1.0 - self.memory**2).sqrt())[:, None]
+        later = (residual[:, 1:] - self.memory[:, None] * residual[:, :-1]) / fresh
+        return torch.cat([residual[:, :1] / self.noise[:, None], later], 1)
 
     def differentiate(self, theta: Float[Tensor, " p"], now: Residuals) -> "Slopes":
         """Derivatives of the residuals by the window starts and by the parameters."""
@@ -300,15 +360,15 @@ class MultipleShooting:
         k, d, before = len(now.path), len(self.noise), self.before
         inverse = (1.0 / self.coupling)[:, None]
         return Slopes(
-            (transition[:, :-1, :d] / self.noise[:, None]).reshape(k, -1, 2 * d).numpy(),
-            (sensitivity[:, :-1, :d] / self.noise[:, None]).reshape(k, -1, len(theta)).numpy(),
+            self._whiten(transition[:, :-1, :d]).reshape(k, -1, 2 * d).numpy(),
+            self._whiten(sensitivity[:, :-1, :d]).reshape(k, -1, len(theta)).numpy(),
             (-inverse * transition[before, -1]).numpy(),
             (-inverse * sensitivity[before, -1]).numpy(),
         )
 
-    def assemble(self, theta: Float[Tensor, " p"], now: Residuals) -> "NormalEquations":
+    def assemble(self, theta: Float[Tensor, " p"], now: Residuals, slopes: "Slopes") -> NormalEquations:
         """The normal equations of a Gauss-Newton step."""
-        slopes, before, inverse = self.differentiate(theta, now), self.before, (1.0 / self.coupling).numpy()
+        before, inverse = self.before, (1.0 / self.coupling).numpy()
         by_state, by_law, here, along = slopes
         p, residual, gap = len(theta), now.position.flatten(1).numpy(), now.gap.numpy()
         states, mixed = by_state.mT @ by_state, by_state.mT @ by_law
@@ -328,6 +388,29 @@ class MultipleShooting:
         law_gradient = rows.T @ values + prior * (theta - self.prior_mean).numpy()
         return NormalEquations(states, link, mixed, law, states_gradient, law_gradient)
 
+    def measure_evidence(self, fitted: WindowFit) -> float:
+        """Logarithm of the likelihood of the law, less half a logarithm of the data for each parameter [nat].
+
+        The window starts are integrated out, by Laplace's method. Laws, and how far the motion may depart
+        from them between windows, are compared by it.
+
+        Raises:
+            numpy.linalg.LinAlgError: the starts are not determined.
+
+        Source: Schwarz 1978, DOI 10.1214/aos/1176344136.
+        """
+        theta = self.parameters.read()
+        now = self.evaluate(theta, fitted.starts)
+        normal = self.assemble(theta, now, self.differentiate(theta, now))
+        states = eliminate_states(normal, self.windows.linked, damping=0.0)
+        k, n, d = now.position.shape
+        fresh = self.noise.log() + 0.5 * (n - 1) / n * (1.0 - self.memory**2).log()
+        log_norm = k * n * float(fresh.sum()) + len(now.gap) * float(self.coupling.log().sum())
+        misfit = 0.5 * float(now.position.square().sum() + now.gap.square().sum())
+        size = 0.5 * len(theta) * np.log(k * n * d)
+        log_volume = float(np.linalg.slogdet(states.inverse)[1].sum())
+        return float(0.5 * log_volume - log_norm - misfit - size)
+
     def score_windows(self, fitted: WindowFit) -> "WindowScores":
         """Scores of the likelihood, with the window starts eliminated, at the parameters as they are.
 
@@ -336,7 +419,8 @@ class MultipleShooting:
         """
         theta = self.parameters.read()
         now = self.evaluate(theta, fitted.starts)
-        normal, (by_state, by_law, here, along) = self.assemble(theta, now), self.differentiate(theta, now)
+        slopes = self.differentiate(theta, now)
+        normal, (by_state, by_law, here, along) = self.assemble(theta, now, slopes), slopes
         states = eliminate_states(normal, self.windows.linked, damping=0.0)
         answer = np.empty_like(normal.mixed)  # of each start to the parameters
         for i in range(len(answer) - 1, -1, -1):
@@ -441,6 +525,7 @@ def fit_windows(
     n: int,
     coupling: float,
     noise: Float64[np.ndarray, " d"],
+    memory: Float64[np.ndarray, " d"],
     iterations: int,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
@@ -451,7 +536,7 @@ def fit_windows(
         segments: parts of the trajectory that are used.
         n: steps of a window.
         coupling: standard deviation of the gaps between windows, relative to the rms of the states.
-        noise: standard deviation of the encoded positions.
+        noise, memory: standard deviation of the encoded positions, and its correlation from frame to frame.
         iterations: Gauss-Newton steps at most.
 
     Raises:
@@ -462,5 +547,8 @@ def fit_windows(
     state = np.concatenate([smooth.latents, unit * smooth.differentiate(1)], axis=1)
     starts = torch.from_numpy(state[windows.frames])
     scale = np.sqrt(np.mean((state - state.mean(axis=0)) ** 2, axis=0)) + 1e-12
-    problem = MultipleShooting(ParameterVector(lagrangian), windows, noise=noise, coupling=coupling * scale)
+    size = coupling * scale
+    problem = MultipleShooting(
+        ParameterVector(lagrangian), windows, noise=noise, memory=memory, coupling=size
+    )
     return problem, problem.fit(starts, iterations=iterations)

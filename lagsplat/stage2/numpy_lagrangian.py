@@ -235,30 +235,29 @@ class PolynomialSpd:
     net: None = None
 
     def __init__(self, field: PolynomialField) -> None:
-        self.lower, self.floor, self.reach = np.tril(_array(field.factor)), field.floor, field.reach
-        self.exponents = _array(field.exponents).astype(int)
-        self.coefficients = _array(field.coefficients) * _array(field.mask)
-        self.eye = np.eye(len(self.lower))
+        self.inner, self.floor, self.reach = _array(field.inner()), field.floor, field.frame.reach
+        self.exponents = _array(field.frame.exponents).astype(int)
+        self.coefficients, self.eye = _array(field.frame.coefficients), np.eye(field.frame.d)
 
     def product(self, q: States, v: States) -> States:
         """``S(q) v``."""
-        value, _ = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
-        e = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
-        y = (v @ self.lower)[..., None, :] @ e
-        return (y @ e.swapaxes(-1, -2))[..., 0, :] @ self.lower.T + self.floor * v
+        frame, _ = self._evaluate_frame(q)
+        return ((v[..., None, :] @ frame.swapaxes(-1, -2)) @ self.inner @ frame)[..., 0, :] + self.floor * v
 
     def accelerate(self, q: States, v: States, force: States) -> States:
         """``S^-1 (force + grad_q (v.S v / 2) - (dS/dt) v)``."""
+        frame, slope = self._evaluate_frame(q)
+        carried = frame.swapaxes(-1, -2) @ self.inner
+        moved = np.einsum("...ijl,...j->...il", slope, v)
+        turning = moved - np.einsum("...ijl,...l->...ij", slope, v)
+        change = (carried @ moved - turning.swapaxes(-1, -2) @ self.inner @ frame) @ v[..., None]
+        matrix = carried @ frame + self.floor * self.eye
+        return np.linalg.solve(matrix, force[..., None] - change)[..., 0]
+
+    def _evaluate_frame(self, q: States) -> tuple[np.ndarray, np.ndarray]:
         value, slope = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
-        e = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
-        y = (v @ self.lower)[..., :, None]
-        p = e.swapaxes(-1, -2) @ y
-        rate = np.einsum("...kd,...d,kij->...ij", slope, v, self.coefficients)
-        change = (rate @ p + e @ (rate.swapaxes(-1, -2) @ y))[..., 0] @ self.lower.T
-        gradient = np.einsum("...i,kij,...j,...kd->...d", y[..., 0], self.coefficients, p[..., 0], slope)
-        whole = self.lower @ e
-        matrix = whole @ whole.swapaxes(-1, -2) + self.floor * self.eye
-        return np.linalg.solve(matrix, (force + gradient - change)[..., None])[..., 0]
+        frame = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
+        return frame, np.einsum("...kl,kij->...ijl", slope, self.coefficients)
 
 
 class PolynomialForces:

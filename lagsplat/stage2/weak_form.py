@@ -30,7 +30,7 @@ from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
 
 BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
 # The numbers below were set by hand, with both simulated arms in view.
-MOST_BUMPS = 2000
+MOST_BUMPS = 1000
 MOST_STEPS, CONVERGED = 60, 1e-6
 RIDGE = 1e-6  # on coefficients, with columns of unit size
 STIFFNESS_STATES = 200  # at which the loaded stiffness is measured
@@ -134,12 +134,12 @@ def _integrate(
         if not len(middles):
             continue
         at = middles[:, None] + taps
+        elastic, pushed = _gradients(q, exponents), _gradients(q, input_exponents)
         static = np.zeros((len(middles), len(exponents) + u.shape[1] * len(input_exponents), q.shape[1]))
         for column, share in zip(at.T, phi, strict=True):
-            x, pressure = q[column], u[column]
-            pushed = -pressure[:, :, None, None] * _gradients(x, input_exponents)[:, None]
-            static[:, : len(exponents)] += share * _gradients(x, exponents)
-            static[:, len(exponents) :] += share * pushed.reshape(len(x), -1, q.shape[1])
+            each = -u[column][:, :, None, None] * pushed[column][:, None]
+            static[:, : len(exponents)] += share * elastic[column]
+            static[:, len(exponents) :] += share * each.reshape(len(column), -1, q.shape[1])
         inertia = np.einsum("tnd,n->td", q[at], second)
         viscous = -np.einsum("tnd,n->td", q[at], first)
         parts.append(WeakForm(static, _symmetric(inertia), _symmetric(viscous), q[middles], u[middles]))

@@ -1,10 +1,12 @@
 """Windows, derivatives and normal equations of multiple shooting, by finite differences and dense solves."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
+from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.multiple_shooting import (
@@ -30,7 +32,11 @@ def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torc
     motion = trajectory()
     windows = cut_windows(motion, motion.segments, n=4, time_unit_s=0.1, longest_step=0.15)
     shooting = MultipleShooting(
-        ParameterVector(lagrangian), windows, noise=np.full(2, 0.1), coupling=np.full(4, coupling)
+        ParameterVector(lagrangian),
+        windows,
+        noise=np.full(2, 0.1),
+        memory=np.array([0.0, 0.6]),
+        coupling=np.full(4, coupling),
     )
     starts = torch.from_numpy(np.concatenate([motion.latents, 0.0 * motion.latents], axis=1)[windows.frames])
     return shooting, shooting.parameters.read(), starts
@@ -74,7 +80,8 @@ def test_derivatives_are_those_of_the_rollout() -> None:
 
 def test_elimination_gives_the_step_of_the_whole_system() -> None:
     shooting, theta, starts = problem()
-    normal = shooting.assemble(theta, shooting.evaluate(theta, starts))
+    now = shooting.evaluate(theta, starts)
+    normal = shooting.assemble(theta, now, shooting.differentiate(theta, now))
     k, s = normal.states_gradient.shape
     p = len(theta)
     whole = np.zeros((k * s + p, k * s + p))
@@ -97,13 +104,50 @@ def test_elimination_gives_the_step_of_the_whole_system() -> None:
 
 def test_a_gradient_is_that_of_the_cost() -> None:
     shooting, theta, starts = problem()
-    normal = shooting.assemble(theta, shooting.evaluate(theta, starts))
+    now = shooting.evaluate(theta, starts)
+    normal = shooting.assemble(theta, now, shooting.differentiate(theta, now))
     step = 1e-6
     for k in (0, len(theta) - 1):
         away = torch.zeros_like(theta)
         away[k] = step
         costs = [shooting.evaluate(theta + sign * away, starts).cost for sign in (1, -1)]
         assert (costs[0] - costs[1]) / (2 * step) == pytest.approx(normal.law_gradient[k], rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("kick", [0.0, 0.2])
+def test_the_evidence_tells_whether_the_motion_follows_the_law(kick: float) -> None:
+    """A free oscillation, with or without kicks between the windows, in coloured noise."""
+    lagrangian = random_lagrangian(2, 1, 3, amount=0.0, terms="polynomial")
+    rng, time_s = np.random.default_rng(0), DT_S * np.arange(201)
+    shapes = EncodedTrajectory(np.ones((201, 2)), np.zeros((201, 1)), time_s, ((0, 201),))
+    windows = cut_windows(shapes, shapes.segments, n=20, time_unit_s=0.1, longest_step=0.3)
+    parameters, state = ParameterVector(lagrangian), torch.tensor([[1.0, -0.5, 0.0, 0.3]]).double()
+    starts, targets = [], []
+    for _ in range(len(windows.frames)):
+        state = state + kick * torch.from_numpy(rng.standard_normal((1, 4)))
+        starts.append(state)
+        path = parameters.roll_out(
+            parameters.read(), state, replace(windows, inputs=windows.inputs[:1], steps=windows.steps[:1])
+        )
+        targets.append(path[:, :, :2])
+        state = path[:, -1]
+    noise = lfilter([0.02], [1.0, -0.7], rng.standard_normal((10, 21, 2)), axis=1)
+    seen = replace(windows, targets=torch.cat(targets) + torch.from_numpy(noise))
+    evidence = []
+    for coupling in (0.2, 0.01):
+        shooting = MultipleShooting(
+            ParameterVector(lagrangian),
+            seen,
+            noise=np.full(2, 0.028),
+            memory=np.full(2, 0.7),
+            coupling=np.full(4, coupling),
+        )
+        fitted = shooting.fit(torch.cat(starts), iterations=4)
+        evidence.append(shooting.measure_evidence(fitted))
+    assert (evidence[0] > evidence[1] + 5.0) == (kick > 0.0)
+    assert (evidence[1] > evidence[0] + 5.0) == (kick == 0.0)
+    if not kick:
+        assert fitted.memory == pytest.approx(0.7, abs=0.2)
 
 
 def test_a_fit_lowers_the_cost_and_a_divergence_is_none() -> None:
