@@ -441,7 +441,7 @@ class DynamicsFit:
         """Fit a polynomial law by its weak form and then by maximum likelihood.
 
         The start has the degrees with which the weak form forecasts best. The law grows from them to those
-        that are asked for, degree by degree, as long as the evidence grows.
+        that are asked for, degree by degree, as long as the evidence grows; mass and damping grow last.
 
         Raises:
             ValueError: no degree forecasts the clip better than its mean state does.
@@ -461,8 +461,8 @@ class DynamicsFit:
         for higher in reversed(tried):
             if not self._grow(higher, measured, smooth):
                 break
-        if form.matrix_degree:
-            self._grow(replace(self.lagrangian.form, matrix_degree=form.matrix_degree), measured, smooth)
+        for degree in range(1, form.matrix_degree + 1):
+            self._grow(replace(self.lagrangian.form, matrix_degree=degree), measured, smooth)
         if self.solved is not None:
             fitted = self.solved[1]
             self.noise, self.memory = np.maximum(fitted.rms, LEAST_NOISE), fitted.memory
