@@ -28,7 +28,14 @@ from lagsplat.stage2 import objective
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
-from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LinearizedModes, linearize_modes
+from lagsplat.stage2.lagrangian import (
+    Coefficients,
+    Floors,
+    Lagrangian,
+    LinearizedModes,
+    find_equilibria,
+    linearize_modes,
+)
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
 from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.rollout import (
@@ -73,6 +80,7 @@ class FitReport:
     wall_s: float = 0.0
     at_rest: LinearizedModes | None = None
     under_mean_input: LinearizedModes | None = None
+    equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
     draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
 
@@ -110,6 +118,7 @@ def fit_dynamics(
         lagrangian = fit.lagrangian
         best.restore(lagrangian)
         lagrangian.settle()
+        report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
     else:
         fit.start(torch.from_numpy(rest), geometry)
         lagrangian = fit.lagrangian
@@ -212,6 +221,7 @@ def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
         time_unit_s=float(law.time_unit_s),
         seed=seed,
         longest_step=law.longest_step,
+        box=None if law.energy is None else law.energy.box,
     )
     state = grown.state_dict()
     for name, values in law.state_dict().items():
@@ -240,6 +250,18 @@ def list_lower_degrees(form: FormConfig) -> list[FormConfig]:
         else:
             forms.append(replace(forms[-1], potential_degree=potential - 1))
     return forms
+
+
+def list_extreme_inputs(inputs: Float64[np.ndarray, "T n_u"]) -> Float[Tensor, "n n_u"]:
+    """The mean input and all corners of the inputs; each extreme alone where there are many inputs."""
+    mean, ends = inputs.mean(axis=0), np.stack([inputs.min(axis=0), inputs.max(axis=0)], axis=1)
+    if len(ends) <= MOST_CORNERS:
+        corners = [np.array(corner) for corner in product(*ends)]
+    else:
+        corners = [
+            np.where(np.arange(len(mean)) == i, end, mean) for i in range(len(mean)) for end in ends[i]
+        ]
+    return torch.from_numpy(np.stack([mean, *corners]))
 
 
 def choose_time_unit(
@@ -333,6 +355,7 @@ FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
+MOST_CORNERS = 6  # inputs whose extremes are combined
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable

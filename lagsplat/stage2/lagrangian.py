@@ -24,10 +24,14 @@ from lagsplat.stage2.networks import (
     pull_back,
     push_forward,
 )
-from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField, PolynomialFrame
+from lagsplat.stage2.polynomials import ROOM, Box, PolynomialEnergy, PolynomialField, PolynomialFrame
 
-SOFT_LIMIT = 5.0  # of polynomials [whitened units, which are standard deviations of the training data]
-FAR_STIFFNESS = 0.01  # of the mean stiffness at the start, beyond that limit
+WIDE = (
+    4.0  # half of the box of polynomials where no data are given [standard deviations of the training data]
+)
+EQUILIBRIUM_STARTS = 64  # of the search for equilibria, spread over the box and the room around it
+EQUILIBRIUM_STEPS, LONGEST_NEWTON_STEP = 60, 0.5  # of it [-, whitened units]
+SAME_EQUILIBRIUM = 1e-2  # [whitened units]
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,9 @@ class Lagrangian(nn.Module):
     ``time_unit_s`` seconds; a step of the integrator is at most ``longest_step`` of them.
 
     With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` instead. Energy still
-    never rises and motion is bounded, but equilibria are not one by construction. Such a law is integrated by
-    the Runge-Kutta method, under inputs interpolated between frames.
+    never rises and motion is bounded; equilibria are not one by construction, but counted
+    (`find_equilibria`). Such a law is integrated by the Runge-Kutta method, under inputs interpolated between
+    frames.
 
     Args:
         start: constant matrices to start from.
@@ -97,6 +102,7 @@ class Lagrangian(nn.Module):
         mass_scale: factor on an induced mass.
         signed: whether inputs take negative values.
         longest_step: longest step of the integrator in internal time units.
+        box: smallest and largest training latents, between which polynomials are free.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
 
@@ -121,6 +127,7 @@ class Lagrangian(nn.Module):
         mass_scale: float = 1.0,
         signed: bool = False,
         longest_step: float = math.inf,
+        box: Box | None = None,
     ) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
@@ -135,7 +142,8 @@ class Lagrangian(nn.Module):
         self.energy: PolynomialEnergy | None = None
         polynomial = form.terms == "polynomial"
         if polynomial:
-            frame = PolynomialFrame(d, degree=form.matrix_degree, reach=SOFT_LIMIT)
+            box = WIDE * torch.tensor([[-1.0], [1.0]]).double().expand(2, d) if box is None else box
+            frame = PolynomialFrame(d, degree=form.matrix_degree, box=box)
             self.mass_term = PolynomialField(start.mass, floor=floors.mass, frame=frame)
             self.damping_term = PolynomialField(start.damping, floor=floors.damping, frame=frame)
         elif form.mass != "induced":
@@ -163,8 +171,8 @@ class Lagrangian(nn.Module):
             size = (form.diffeo_blocks, form.diffeo_width)
             self.diffeo = Diffeomorphism(d, *size, lipschitz=form.diffeo_lipschitz, generator=generator)
         self.convex: Icnn | None = None
-        if polynomial:
-            self._make_energy(start)
+        if polynomial and box is not None:
+            self._make_energy(start, box)
         elif form.potential != "quadratic":
             self.convex = Icnn(d, width=form.potential_width, heads=1, generator=generator)
         self.volume_net: Icnn | None = None
@@ -172,16 +180,15 @@ class Lagrangian(nn.Module):
             heads = n_inputs * (1 + self.signed)
             self.volume_net = Icnn(d, width=form.actuation_width, heads=heads, generator=generator)
 
-    def _make_energy(self, start: Coefficients) -> None:
+    def _make_energy(self, start: Coefficients, box: Box) -> None:
         """Make polynomials that begin as the quadratic potential and the linear volumes of ``start``."""
-        ridge = FAR_STIFFNESS * float(torch.trace(start.stiffness)) / self.d
         self.energy = PolynomialEnergy(
             self.d,
             self.n_inputs,
             potential_degree=self.form.potential_degree,
             input_degree=self.form.input_degree,
-            reach=SOFT_LIMIT,
-            ridge=ridge,
+            box=box,
+            far_stiffness=float(torch.trace(start.stiffness)) / self.d,
         )
         self.energy.set_quadratic(start.stiffness, start.rest, start.pressure_map)
         for parameter in (self.stiffness_factor, self.pressure_map, self.rest):
@@ -324,6 +331,40 @@ def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[
     first = lagrangian.rest.detach().numpy()
     optimum = minimize(energy_and_slope, first, jac=True, method="BFGS", options={"gtol": 1e-9})
     return torch.from_numpy(optimum.x)
+
+
+@torch.no_grad()
+def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> list[Float[Tensor, "n d"]]:
+    """Find the stable equilibria of a polynomial law under each of some constant inputs.
+
+    Newton steps of bounded length, uphill directions turned, from starts spread over the box in which the
+    polynomials are free. A narrow basin between the starts can be missed.
+
+    Args:
+        lagrangian: a law with ``form.terms='polynomial'``.
+        inputs: one row for each search.
+    """
+    energy, d = lagrangian.energy, lagrangian.d
+    assert energy is not None
+    spread = torch.quasirandom.SobolEngine(d, scramble=True, seed=0).draw(EQUILIBRIUM_STARTS).double()
+    low, high = energy.box
+    q = (low + ((1.0 + 2.0 * ROOM) * spread - ROOM) * (high - low)).repeat(len(inputs), 1)
+    u = inputs.repeat_interleave(EQUILIBRIUM_STARTS, 0)
+    for _ in range(EQUILIBRIUM_STEPS):
+        at = energy.differentiate(q, u)
+        values, vectors = torch.linalg.eigh(at.stiffness)
+        along = (vectors.mT @ at.slope[:, :, None])[:, :, 0] / values.abs().clamp(min=1e-6)
+        step = (vectors @ along[:, :, None])[:, :, 0]
+        q = q - step * (LONGEST_NEWTON_STEP / step.norm(dim=1, keepdim=True).clamp(min=LONGEST_NEWTON_STEP))
+    settled = (step.norm(dim=1) < 0.1 * SAME_EQUILIBRIUM) & (values[:, 0] > 0.0)
+    found = []
+    for rows, ends in zip(q.split(EQUILIBRIUM_STARTS), settled.split(EQUILIBRIUM_STARTS), strict=True):
+        distinct: list[Tensor] = []
+        for row in rows[ends]:
+            if all(float((row - other).norm()) > SAME_EQUILIBRIUM for other in distinct):
+                distinct.append(row)
+        found.append(torch.stack(distinct) if distinct else rows[:0])
+    return found
 
 
 def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> LinearizedModes:

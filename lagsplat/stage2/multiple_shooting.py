@@ -29,7 +29,7 @@ from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] at the start of each window
 Paths = Float[Tensor, "K n s"]
 
-# The numbers below were set by hand, with the simulated arm of one segment in view.
+# The numbers below were set by hand, with the simulated arm of one segment and the rocker in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
 CHUNK = 512  # states whose derivatives are taken at once, which fit the cache
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
@@ -38,9 +38,9 @@ MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begi
 LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
 CONVERGED = 1e-3  # relative decrease of the misfit
 VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
-EDGE = (
-    3.0  # of the data [standard deviations], at which a monomial is expected to be no larger than a spring's
-)
+EDGE = 3.0  # of the data [standard deviations]
+FRAME_AT_EDGE = 0.2  # standard deviation there of what each monomial adds to the frame of mass and damping
+ENERGY_AT_EDGE = 0.5 * 0.5 * EDGE**2  # and to an energy: half of that of a spring of stiffness one
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,8 @@ class ParameterVector:
             first = 0 if name.endswith("frame.coefficients") else 2  # the degree of what a linear law has
             bent = degree > first
             mean.append(torch.where(bent, 0.0, p.detach()).reshape(-1))
-            at_edge = max(1, first) * EDGE ** (degree - first)
-            precision.append(torch.where(bent, at_edge**2, VAGUE).expand_as(p).reshape(-1))
+            at_edge = FRAME_AT_EDGE if first == 0 else ENERGY_AT_EDGE
+            precision.append(torch.where(bent, (EDGE**degree / at_edge) ** 2, VAGUE).expand_as(p).reshape(-1))
         return torch.cat(mean), torch.cat(precision).double()
 
     def scale_direction(self) -> Float[Tensor, " p"]:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.polynomials import LINEAR_SHARE, PolynomialEnergy, PolynomialField
+from lagsplat.stage2.polynomials import ROOM, PolynomialEnergy, PolynomialField
 from lagsplat.stage2.rollout import split_inputs
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -235,7 +235,7 @@ class PolynomialSpd:
     net: None = None
 
     def __init__(self, field: PolynomialField) -> None:
-        self.inner, self.floor, self.reach = _array(field.inner()), field.floor, field.frame.reach
+        self.inner, self.floor, self.box = _array(field.inner()), field.floor, _array(field.frame.box)
         self.exponents = _array(field.frame.exponents).astype(int)
         self.coefficients, self.eye = _array(field.frame.coefficients), np.eye(field.frame.d)
 
@@ -255,7 +255,7 @@ class PolynomialSpd:
         return np.linalg.solve(matrix, force[..., None] - change)[..., 0]
 
     def _evaluate_frame(self, q: States) -> tuple[np.ndarray, np.ndarray]:
-        value, slope = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
+        value, slope = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
         frame = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
         return frame, np.einsum("...kl,kij->...ijl", slope, self.coefficients)
 
@@ -264,7 +264,7 @@ class PolynomialForces:
     """The slopes of a `PolynomialEnergy` in arrays, its potential zero at ``rest``."""
 
     def __init__(self, energy: PolynomialEnergy, rest: Tensor) -> None:
-        self.reach, self.ridge = energy.reach, float(energy.ridge)
+        self.box, self.far_stiffness = _array(energy.box), float(energy.far_stiffness)
         self.exponents = _array(energy.exponents).astype(int)
         self.input_exponents = _array(energy.input_exponents).astype(int)
         self.coefficients = _array(energy.coefficients)
@@ -277,26 +277,35 @@ class PolynomialForces:
 
     def elastic_slope(self, q: States) -> States:
         """``grad V``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
-        return self.ridge * q + np.einsum("k,...kd->...d", self.coefficients, slope)
+        _, slope = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
+        s, first = clip_softly_in_arrays(q, box=self.box)
+        return self.far_stiffness * (q - s) * (1.0 - first) + np.einsum(
+            "k,...kd->...d", self.coefficients, slope
+        )
 
     def input_force(self, q: States, u: Inputs) -> States:
         """``grad (u.nu)``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, reach=self.reach)
+        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, box=self.box)
         return np.einsum("...k,...kd->...d", u @ self.input_coefficients, slope)
 
     def _energy(self, q: States) -> Values:
-        value, _ = evaluate_monomials_in_arrays(q, self.exponents, reach=self.reach)
-        return 0.5 * self.ridge * (q * q).sum(-1) + value @ self.coefficients
+        value, _ = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
+        beyond = q - clip_softly_in_arrays(q, box=self.box)[0]
+        return 0.5 * self.far_stiffness * (beyond * beyond).sum(-1) + value @ self.coefficients
+
+
+def clip_softly_in_arrays(q: States, *, box: np.ndarray) -> tuple[States, States]:
+    """`lagsplat.stage2.polynomials.clip_softly` in arrays: the clipped state and its first derivative."""
+    inside, room = np.clip(q, *box), ROOM * (box[1] - box[0])
+    tanh = np.tanh((q - inside) / room)
+    return inside + room * tanh, 1.0 - tanh * tanh
 
 
 def evaluate_monomials_in_arrays(
-    q: States, exponents: np.ndarray, *, reach: float
+    q: States, exponents: np.ndarray, *, box: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
-    inside, room = np.clip(q, -LINEAR_SHARE * reach, LINEAR_SHARE * reach), (1.0 - LINEAR_SHARE) * reach
-    tanh = np.tanh((q - inside) / room)
-    s, inner = (inside + room * tanh)[..., None, :], (1.0 - tanh * tanh)[..., None, :]
+    s, inner = (part[..., None, :] for part in clip_softly_in_arrays(q, box=box))
     factors = s**exponents
     lowered = exponents * s ** np.maximum(exponents - 1, 0) * inner
     d = q.shape[-1]

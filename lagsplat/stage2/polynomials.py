@@ -1,12 +1,13 @@
 """Polynomial terms of the Lagrangian: potential and input potentials, and matrix fields, of low degree.
 
 All are polynomials of the soft-clipped state ``s``. Inside the data ``s`` is ``q``; far outside it is
-bounded, and so are the terms and their slopes. A clip that began inside the data would bend a line: with
-``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
+bounded, and so are the terms and their slopes; a spring holds what is beyond. A clip that began inside the
+data would bend a line: with ``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
 """
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -15,7 +16,10 @@ from torch import Tensor, nn
 from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.stage2.networks import cholesky_solve, factor_positive
 
-LINEAR_SHARE = 0.8  # of the soft limit, within which the clipped state is the state
+ROOM = 0.25  # of the width of the box of the data, by which the clipped state leaves it at most
+
+Box = Float[Tensor, "2 d"]
+"""Smallest and largest value of each coordinate, between which the clipped state is the state."""
 
 Monomials = tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"]]
 """Values and gradients of monomials at ``B`` states."""
@@ -31,25 +35,26 @@ def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]
     return torch.tensor(rows, dtype=torch.float64).reshape(-1, d)
 
 
-def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, reach: float) -> Monomials:
-    """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly at ``reach``.
+def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, box: Box) -> Monomials:
+    """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly outside ``box``.
 
-    ``s = q`` within a share `LINEAR_SHARE` of ``reach``, and a tanh beyond; two derivatives are continuous.
+    ``s = q`` in the box, and a tanh beyond; two derivatives are continuous.
 
     Args:
         q: states [whitened units].
         exponents: powers of each coordinate, one row a monomial, from `list_exponents`.
-        reach: soft limit of the states [whitened units].
+        box: where ``s = q`` [whitened units].
 
     Example:
         >>> import torch
         >>> from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
         >>> exponents = list_exponents(1, lowest=1, highest=2)
-        >>> value, slope = evaluate_monomials(torch.tensor([[0.1]]).double(), exponents, reach=100.0)
+        >>> box = torch.tensor([[-9.0], [9.0]]).double()
+        >>> value, slope = evaluate_monomials(torch.tensor([[0.1]]).double(), exponents, box=box)
         >>> [round(float(x), 4) for x in (*value[0], *slope[0, :, 0])]
         [0.1, 0.01, 1.0, 0.2]
     """
-    levels, (first, _) = _raise_powers(q, exponents, reach=reach)
+    levels, (first, _) = _raise_powers(q, exponents, box=box)
     order, d = exponents.long(), q.shape[1]
     factors = [levels[order[:, i], i] for i in range(d)]
     value = torch.ones((len(exponents), len(q)), dtype=q.dtype)
@@ -66,10 +71,10 @@ def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, reach: fl
 
 
 def differentiate_monomials(
-    q: Latents, exponents: Float[Tensor, "k d"], *, reach: float
+    q: Latents, exponents: Float[Tensor, "k d"], *, box: Box
 ) -> tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"], Float[Tensor, "B k d d"]]:
     """Values, gradients and second derivatives of `evaluate_monomials`."""
-    levels, (first, second) = _raise_powers(q, exponents, reach=reach)
+    levels, (first, second) = _raise_powers(q, exponents, box=box)
     order, d = exponents.long(), q.shape[1]
     rows = []  # value, first and second derivative of the power of each coordinate
     for i in range(d):
@@ -99,44 +104,56 @@ def differentiate_monomials(
     return value.T, torch.stack(slope, 2).permute(1, 0, 2), stacked.permute(1, 0, 2, 3)
 
 
+def clip_softly(q: Latents, *, box: Box) -> tuple[Latents, Latents, Latents]:
+    """The clipped state ``s`` of `evaluate_monomials` and its two derivatives, element by element."""
+    inside, room = q.clamp(box[0], box[1]), ROOM * (box[1] - box[0])
+    tanh = torch.tanh((q - inside) / room)
+    first = 1.0 - tanh * tanh
+    return inside + room * tanh, first, -2.0 / room * tanh * first
+
+
 def _raise_powers(
-    q: Latents, exponents: Float[Tensor, "k d"], *, reach: float
+    q: Latents, exponents: Float[Tensor, "k d"], *, box: Box
 ) -> tuple[Float[Tensor, "n d B"], tuple[Float[Tensor, "d B"], Float[Tensor, "d B"]]]:
     """Powers of the clipped state, and its first and second derivative by the state."""
-    q = q.T
-    inside = q.clamp(-LINEAR_SHARE * reach, LINEAR_SHARE * reach)
-    room = (1.0 - LINEAR_SHARE) * reach
-    tanh = torch.tanh((q - inside) / room)
-    s, first = inside + room * tanh, 1.0 - tanh * tanh
+    s, first, second = (part.T for part in clip_softly(q, box=box))
     powers = [torch.ones_like(s)]
     for _ in range(int(exponents.max()) if exponents.numel() else 0):
         powers.append(powers[-1] * s)
-    return torch.stack(powers), (first, -2.0 / room * tanh * first)
+    return torch.stack(powers), (first, second)
 
 
 class PolynomialEnergy(nn.Module):
-    """``U(q, u) = ridge |q|^2 / 2 + V(s) - u.nu(s)`` with polynomials ``V`` and ``nu`` in their coefficients.
+    """``U(q, u) = V(s) - u.nu(s) + k |q - s|^2 / 2`` with polynomials ``V`` and ``nu`` in their coefficients.
 
-    ``ridge`` is the stiffness that is left far outside the data, where the polynomials are constant: every
-    motion is bounded. Inside the data there may be several equilibria; nothing counts them.
+    Far outside the data the polynomials are constant and a spring of stiffness ``k`` is left, so that every
+    motion is bounded. `lagsplat.stage2.lagrangian.find_equilibria` counts the equilibria inside.
 
     Args:
         d, n_inputs: coordinates and inputs.
         potential_degree, input_degree: degrees of ``V`` and of each ``nu``.
-        reach: soft limit ``R`` of the states [whitened units].
-        ridge: stiffness far outside the data.
+        box: where ``s = q`` [whitened units].
+        far_stiffness: ``k``.
     """
 
     exponents: Tensor
     input_exponents: Tensor
-    ridge: Tensor
+    far_stiffness: Tensor
+    box: Tensor
 
     def __init__(
-        self, d: int, n_inputs: int, *, potential_degree: int, input_degree: int, reach: float, ridge: float
+        self,
+        d: int,
+        n_inputs: int,
+        *,
+        potential_degree: int,
+        input_degree: int,
+        box: Box,
+        far_stiffness: float,
     ) -> None:
         super().__init__()
-        self.reach = reach
-        self.register_buffer("ridge", torch.tensor(ridge, dtype=torch.float64))
+        self.register_buffer("box", box.clone())
+        self.register_buffer("far_stiffness", torch.tensor(far_stiffness, dtype=torch.float64))
         exponents = list_exponents(d, lowest=1, highest=potential_degree)
         input_exponents = list_exponents(d, lowest=1, highest=input_degree)
         self.register_buffer("exponents", exponents, persistent=False)
@@ -156,7 +173,6 @@ class PolynomialEnergy(nn.Module):
         with torch.no_grad():
             self.coefficients.zero_()
             self.input_coefficients.zero_()
-            curvature = stiffness - self.ridge * torch.eye(len(rest), dtype=rest.dtype)
             linear = -(stiffness @ rest)
             for k, powers in enumerate(self.exponents.long().tolist()):
                 axes = [i for i, power in enumerate(powers) for _ in range(power)]
@@ -165,26 +181,55 @@ class PolynomialEnergy(nn.Module):
                     self.input_coefficients[:, k] = pressure_map[:, axes[0]]
                 elif len(axes) == 2:
                     share = 0.5 if axes[0] == axes[1] else 1.0
-                    self.coefficients[k] = share * curvature[axes[0], axes[1]]
+                    self.coefficients[k] = share * stiffness[axes[0], axes[1]]
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
-        """``ridge |q|^2 / 2 + V``, up to a constant."""
-        value, _ = evaluate_monomials(q, self.exponents, reach=self.reach)
-        return 0.5 * self.ridge * q.square().sum(1) + value @ self.coefficients
+        """``V + k |q - s|^2 / 2``, up to a constant."""
+        value, _ = evaluate_monomials(q, self.exponents, box=self.box)
+        beyond = q - clip_softly(q, box=self.box)[0]
+        return 0.5 * self.far_stiffness * beyond.square().sum(1) + value @ self.coefficients
 
     def volume(self, q: Latents) -> Inputs:
         """``nu`` of each input, zero at ``q = 0``."""
-        value, _ = evaluate_monomials(q, self.input_exponents, reach=self.reach)
+        value, _ = evaluate_monomials(q, self.input_exponents, box=self.box)
         return value @ self.input_coefficients.T
 
     def slope(self, q: Latents, u: Inputs) -> Latents:
         """``grad_q U``."""
-        _, gradient = evaluate_monomials(q, self.exponents, reach=self.reach)
-        slope = self.ridge * q + torch.einsum("k,bkd->bd", self.coefficients, gradient)
+        _, gradient = evaluate_monomials(q, self.exponents, box=self.box)
+        slope = self.pull_back_far(q)[0] + torch.einsum("k,bkd->bd", self.coefficients, gradient)
         if u.shape[1]:
-            _, gradient = evaluate_monomials(q, self.input_exponents, reach=self.reach)
+            _, gradient = evaluate_monomials(q, self.input_exponents, box=self.box)
             slope = slope - torch.einsum("bk,bkd->bd", u @ self.input_coefficients, gradient)
         return slope
+
+    def pull_back_far(self, q: Latents) -> tuple[Latents, Latents]:
+        """Slope of ``k |q - s|^2 / 2`` and the diagonal of its second derivatives."""
+        s, first, second = clip_softly(q, box=self.box)
+        k, beyond = self.far_stiffness, q - s
+        return k * beyond * (1.0 - first), k * ((1.0 - first) ** 2 - beyond * second)
+
+    def differentiate(self, q: Latents, u: Inputs) -> "EnergySlopes":
+        """Slope and stiffness of ``U``, and the slopes of its monomials."""
+        _, elastic, elastic_bend = differentiate_monomials(q, self.exponents, box=self.box)
+        _, pushed, pushed_bend = differentiate_monomials(q, self.input_exponents, box=self.box)
+        far_slope, far_stiffness = self.pull_back_far(q)
+        loads = u @ self.input_coefficients
+        slope = far_slope + self.coefficients @ elastic - (loads[:, None] @ pushed)[:, 0]
+        stiffness = torch.diag_embed(far_stiffness) + torch.einsum(
+            "k,bkil->bil", self.coefficients, elastic_bend
+        )
+        stiffness = stiffness - torch.einsum("bk,bkil->bil", loads, pushed_bend)
+        return EnergySlopes(slope, stiffness, elastic, pushed)
+
+
+class EnergySlopes(NamedTuple):
+    """Slope and stiffness of a `PolynomialEnergy` at some states, and slopes of its monomials."""
+
+    slope: Latents
+    stiffness: Float[Tensor, "B d d"]
+    elastic: Float[Tensor, "B k d"]
+    pushed: Float[Tensor, "B m d"]
 
 
 class PolynomialFrame(nn.Module):
@@ -196,21 +241,23 @@ class PolynomialFrame(nn.Module):
     Args:
         d: coordinates.
         degree: of the polynomials; 0 leaves ``J = I``.
-        reach: soft limit of the states [whitened units].
+        box: where ``s = q`` [whitened units].
     """
 
     exponents: Tensor
+    box: Tensor
 
-    def __init__(self, d: int, *, degree: int, reach: float) -> None:
+    def __init__(self, d: int, *, degree: int, box: Box) -> None:
         super().__init__()
-        self.d, self.reach = d, reach
+        self.d = d
+        self.register_buffer("box", box.clone())
         exponents = list_exponents(d, lowest=1, highest=degree)
         self.register_buffer("exponents", exponents, persistent=False)
         self.coefficients = nn.Parameter(torch.zeros(len(exponents), d, d, dtype=torch.float64))
 
     def evaluate(self, q: Latents) -> tuple[Float[Tensor, "B d d"], Float[Tensor, "B d d d"]]:
         """``J`` and its derivatives by each coordinate, the last axis."""
-        value, slope = evaluate_monomials(q, self.exponents, reach=self.reach)
+        value, slope = evaluate_monomials(q, self.exponents, box=self.box)
         frame = torch.eye(self.d, dtype=q.dtype) + torch.einsum("bk,kij->bij", value, self.coefficients)
         return frame, torch.einsum("bkl,kij->bijl", slope, self.coefficients)
 
@@ -274,13 +321,12 @@ class ForceBalance:
         state: Float[Tensor, "B s"],
         u: Inputs,
     ) -> None:
-        self.energy, self.mass, self.damping, self.u = energy, mass, damping, u
+        self.mass, self.damping, self.u = mass, damping, u
         d, frame = mass.frame.d, mass.frame
         q, self.v = state[:, :d], state[:, d:]
         self.eye = torch.eye(d, dtype=q.dtype)
-        self.elastic = differentiate_monomials(q, energy.exponents, reach=energy.reach)
-        self.pushed = differentiate_monomials(q, energy.input_exponents, reach=energy.reach)
-        self.shape = differentiate_monomials(q, frame.exponents, reach=frame.reach)
+        self.energy = energy.differentiate(q, u)
+        self.shape = differentiate_monomials(q, frame.exponents, box=frame.box)
         value, first, _ = self.shape
         self.frame = self.eye + torch.einsum("bk,kij->bij", value, frame.coefficients)
         self.frame_by_q = torch.einsum("bkl,kij->bijl", first, frame.coefficients)
@@ -294,17 +340,17 @@ class ForceBalance:
         self.resisted = self.frame.mT @ viscosity
         self.inverse_mass = torch.linalg.inv(self.carried @ self.frame + mass.floor * self.eye)
         bent = torch.einsum("bil,bl->bi", self.moved, self.v)
-        loads = (u @ energy.input_coefficients)[:, None]
-        slope = energy.ridge * q + energy.coefficients @ self.elastic[1] - (loads @ self.pushed[1])[:, 0]
         viscous = torch.einsum("bli,bi->bl", self.resisted - self.turned, self.w) + damping.floor * self.v
         inertial = torch.einsum("bli,bi->bl", self.carried, bent)
-        self.acceleration = (self.inverse_mass @ (-slope - viscous - inertial)[:, :, None])[:, :, 0]
+        self.acceleration = (self.inverse_mass @ (-self.energy.slope - viscous - inertial)[:, :, None])[
+            :, :, 0
+        ]
         self.e = torch.einsum("bij,bj->bi", self.frame, self.acceleration) + bent
         self.force = self.e @ inertia + self.w @ viscosity
 
     def differentiate_by_state(self) -> tuple[Float[Tensor, "B d d"], Float[Tensor, "B d d"]]:
         """Derivatives of the acceleration by position and by velocity."""
-        energy, v, z, shapes = self.energy, self.v, self.z, self.mass.frame.coefficients
+        v, z, shapes = self.v, self.z, self.mass.frame.coefficients
         second, drag = self.shape[2], self.resisted - self.turned
         by_v = self.carried @ (self.rate + self.moved) + drag @ self.frame + self.damping.floor * self.eye
         by_v = by_v - torch.einsum("bi,bipl->blp", z, self.frame_by_q - self.frame_by_q.mT)
@@ -312,12 +358,10 @@ class ForceBalance:
         swept = torch.einsum("bklp,bl->bkp", second, v)  # of dm_k/dt
         e_by_q = torch.einsum("bijp,bj->bip", self.frame_by_q, self.acceleration)
         e_by_q = e_by_q + torch.einsum("bki,bkp->bip", spread, swept)
-        by_q = self.carried @ e_by_q + drag @ self.moved + energy.ridge * self.eye
+        by_q = self.carried @ e_by_q + drag @ self.moved + self.energy.stiffness
         by_q = by_q + torch.einsum("bilp,bi->blp", self.frame_by_q, self.force)
         by_q = by_q - torch.einsum("bki,bi,bklp->blp", spread, z, second)
         by_q = by_q + torch.einsum("kil,bi,bkp->blp", shapes, z, swept)
-        by_q = by_q + torch.einsum("k,bkil->bil", energy.coefficients, self.elastic[2])
-        by_q = by_q - torch.einsum("bk,bkil->bil", self.u @ energy.input_coefficients, self.pushed[2])
         return -self.inverse_mass @ by_q, -self.inverse_mass @ by_v
 
     def differentiate_by_parameters(self) -> dict[str, Float[Tensor, "B d _"]]:
@@ -343,10 +387,10 @@ class ForceBalance:
         by_frame = by_frame - torch.einsum("bj,bkl,bi->blkij", v, first, z)
         own = value[:, :, None] * self.force[:, None] + swift * z[:, None]
         by_frame = by_frame + torch.einsum("lj,bki->blkij", self.eye, own)
-        by_input = -torch.einsum("bc,bkl->blck", self.u, self.pushed[1])
+        by_input = -torch.einsum("bc,bkl->blck", self.u, self.energy.pushed)
         inside = torch.tril(torch.ones_like(self.eye))
         return {
-            "energy.coefficients": self.elastic[1].mT,
+            "energy.coefficients": self.energy.elastic.mT,
             "energy.input_coefficients": by_input.flatten(2),
             "mass_term.factor": (by_mass * inside).flatten(2),
             "damping_term.factor": (by_damping * inside).flatten(2),

@@ -25,7 +25,7 @@ from scipy.optimize import minimize
 from lagsplat.array_types import Series
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FormConfig
-from lagsplat.stage2.lagrangian import SOFT_LIMIT, Coefficients, Floors, Lagrangian
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
 
 BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
@@ -89,11 +89,11 @@ def fit_weak_form(
     two = 2.0 * torch.eye(d, dtype=torch.float64)
     none = torch.zeros(n_inputs, d, dtype=torch.float64)
     start = Coefficients(torch.from_numpy(mass), torch.from_numpy(damping), two, none, 0.0 * two[0])
-    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed)
+    box = torch.from_numpy(np.stack([trajectory.latents.min(axis=0), trajectory.latents.max(axis=0)]))
+    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed, box=box)
     assert lagrangian.energy is not None
     with torch.no_grad():
         lagrangian.energy.coefficients.copy_(torch.from_numpy(elastic))
-        lagrangian.energy.coefficients[squares] -= 0.5 * lagrangian.energy.ridge
         lagrangian.energy.input_coefficients.copy_(torch.from_numpy(pushed))
     return lagrangian
 
@@ -167,7 +167,8 @@ def _resample(trajectory: EncodedTrajectory, start: int, stop: int) -> tuple[Ser
 
 
 def _gradients(q: Series, exponents: torch.Tensor) -> Columns:
-    return evaluate_monomials(torch.from_numpy(q), exponents, reach=SOFT_LIMIT)[1].numpy()
+    everywhere = torch.tensor([[-1e9], [1e9]], dtype=torch.float64).expand(2, q.shape[1])
+    return evaluate_monomials(torch.from_numpy(q), exponents, box=everywhere)[1].numpy()
 
 
 def _symmetric(x: Series) -> Columns:
