@@ -15,7 +15,15 @@ from jinja2 import Template
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
-from lagsplat.stage2.numpy_lagrangian import ConstantSpd, ConvexNet, NumpyLagrangian, PolynomialSpd, SpdField
+from lagsplat.stage2.numpy_lagrangian import (
+    ConstantSpd,
+    ConvexNet,
+    NumpyLagrangian,
+    PolynomialForces,
+    PolynomialSpd,
+    SpdField,
+)
+from lagsplat.stage2.polynomials import ROOM
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
 from lagsplat.viewer.simulation.session import Session
 
@@ -67,18 +75,13 @@ def pack_page(session: Session) -> dict[str, Any]:
     """Pack the run of a session as plain data for JSON.
 
     Raises:
-        ValueError: the mass is induced by the decoder or the law is polynomial: a page computes neither.
+        ValueError: the mass is induced by the decoder, which a page does not compute.
     """
     operating_point, recorded = session.operating_point, session.recorded
     law = make_fast_lagrangian(operating_point.law)
     if not isinstance(law, NumpyLagrangian):
         raise ValueError(
             "a page computes no mass that the decoder induces: export another run, or push this one with "
-            "lagsplat view"
-        )
-    if law.energy is not None:
-        raise ValueError(
-            "a page computes no law of polynomial terms: export a run of stage2=default, or push this with "
             "lagsplat view"
         )
     inputs = np.concatenate([recorded.u, operating_point.u.numpy()[None]])
@@ -122,9 +125,7 @@ def to_plain(value: Any) -> Any:
 
 
 def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
-    """Pack the numbers of a law of networks under the names that ``assets/law.js`` reads."""
-    assert not isinstance(law.mass, PolynomialSpd)
-    assert not isinstance(law.damping, PolynomialSpd)
+    """Pack the numbers of a law under the names that ``assets/law.js`` reads."""
     names = ("inner", "innerBias", "outer", "outerBias")
     packed = {
         "unit": law.unit_s,
@@ -140,6 +141,7 @@ def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
         "volume": pack_convex_net(law.volume),
         "mass": pack_spd_field(law.mass),
         "damping": pack_spd_field(law.damping),
+        "energy": None if law.energy is None else _pack_energy(law.energy),
     }
     return to_plain(packed)
 
@@ -201,8 +203,26 @@ def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
     return to_plain(dict(zip(names, arrays, strict=True)))
 
 
-def pack_spd_field(field: SpdField | ConstantSpd) -> dict[str, Any]:
-    """Pack a mass or damping matrix; ``net`` is None if it is constant."""
+def pack_spd_field(field: SpdField | ConstantSpd | PolynomialSpd) -> dict[str, Any]:
+    """Pack a mass or damping matrix; ``net`` is None if it is constant, ``frame`` is one of polynomials."""
+    if isinstance(field, PolynomialSpd):
+        frame = _pack_monomials(field.exponents, field.box) | {"coefficients": field.coefficients}
+        return to_plain({"inner": field.inner, "floor": field.floor, "frame": frame})
     names = ("first", "firstBias", "second", "secondBias", "third")
     net = None if field.net is None else dict(zip(names, field.net, strict=True))
     return to_plain({"lower": field.lower, "floor": field.floor, "net": net})
+
+
+def _pack_energy(energy: PolynomialForces) -> dict[str, Any]:
+    return {
+        "elastic": _pack_monomials(energy.exponents, energy.box),
+        "pushed": _pack_monomials(energy.input_exponents, energy.box),
+        "coefficients": energy.coefficients,
+        "inputCoefficients": energy.input_coefficients,
+        "farStiffness": energy.far_stiffness,
+        "atRest": energy.at_rest,
+    }
+
+
+def _pack_monomials(exponents: np.ndarray, box: np.ndarray) -> dict[str, Any]:
+    return {"exponents": exponents, "box": box, "room": ROOM}

@@ -19,7 +19,7 @@ function start() {
   const picture = byId("picture");
   const view = viewOf(run.splats);
   const splats = new Splats(byId("drawn"), run.splats, view);
-  const session = new PageSession(run, new Law(run.law), view);
+  const session = new PageSession(run, lawOf(run.law), view);
   const lines = run.outline.map((line) => line.map((at) => view.under(at)));
   const page = { run, picture, view, splats, session, lines, latency: [], frames: 0, steps: 0 };
   window.simulation = page; // for tests, and for who likes to look

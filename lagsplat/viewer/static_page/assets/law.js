@@ -111,11 +111,72 @@ class Field {
   }
 }
 
+const fieldOf = (data) => (data.frame ? new PolynomialField(data) : new Field(data));
+
+/** Monomials of the state that is clipped softly outside a box, as `polynomials.evaluate_monomials`. */
+class Monomials {
+  constructor({ exponents, box, room }) {
+    Object.assign(this, { exponents, box, room });
+  }
+  /** The clipped state and its slope, coordinate by coordinate. */
+  clip(q) {
+    const [low, high] = this.box;
+    const inside = q.map((x, i) => Math.min(Math.max(x, low[i]), high[i]));
+    const tanh = q.map((x, i) => Math.tanh((x - inside[i]) / (this.room * (high[i] - low[i]))));
+    const s = inside.map((x, i) => x + this.room * (high[i] - low[i]) * tanh[i]);
+    return [s, tanh.map((t) => 1 - t * t)];
+  }
+  /** Values, and a row of slopes for each. */
+  at(q) {
+    const [s, first] = this.clip(q);
+    const power = (i, e) => (e > 0 ? s[i] ** e : 1);
+    const product = (row, skip) => row.reduce((x, e, i) => (i === skip ? x : x * power(i, e)), 1);
+    const slope = (row, i) => (row[i] ? row[i] * power(i, row[i] - 1) * first[i] * product(row, i) : 0);
+    return [this.exponents.map((row) => product(row, -1)), this.exponents.map((row) => q.map((_, i) => slope(row, i)))];
+  }
+}
+
+/** `J' S J + floor` with a frame `J` of polynomials, as `polynomials.PolynomialField`. */
+class PolynomialField {
+  constructor({ inner, floor, frame }) {
+    Object.assign(this, { inner, floor, coefficients: frame.coefficients, d: inner.length });
+    this.monomials = new Monomials(frame);
+  }
+  /** `J` and what each monomial adds to it, with its slopes. */
+  frame(q) {
+    const [values, slopes] = this.monomials.at(q);
+    const grid = inSquare(this.d, (i, j) => this.coefficients.reduce((x, c, k) => x + values[k] * c[i][j], i === j ? 1 : 0));
+    return [grid, slopes];
+  }
+  product(q, v) {
+    const [frame] = this.frame(q);
+    return plus(applyTransposed(frame, apply(this.inner, apply(frame, v))), v, this.floor);
+  }
+  /** The matrix and the velocity forces. */
+  inertia(q, v) {
+    const [frame, slopes] = this.frame(q);
+    const spread = this.coefficients.map((c) => apply(c, v));
+    const swift = slopes.map((row) => dot(row, v));
+    const moved = inSquare(this.d, (i, l) => slopes.reduce((x, row, k) => x + spread[k][i] * row[l], 0));
+    const rate = inSquare(this.d, (i, j) => this.coefficients.reduce((x, c, k) => x + c[i][j] * swift[k], 0));
+    const turning = moved.map((row, i) => plus(row, rate[i], -1));
+    const carried = applyTransposed(frame, apply(this.inner, apply(moved, v)));
+    const turned = applyTransposed(turning, apply(this.inner, apply(frame, v)));
+    const columns = inSquare(this.d, (i, j) => frame[j][i]).map((column) => apply(this.inner, column));
+    const matrix = inSquare(this.d, (i, j) => {
+      const sum = columns[j].reduce((x, y, k) => x + frame[k][i] * y, 0);
+      return sum + (i === j ? this.floor : 0);
+    });
+    return [matrix, plus(turned, carried, -1)];
+  }
+}
+const inSquare = (d, entry) => Array.from({ length: d }, (_, i) => Array.from({ length: d }, (__, j) => entry(i, j)));
+
 class Law {
   constructor(data) {
     Object.assign(this, data);
-    this.massField = new Field(data.mass);
-    this.dampingField = new Field(data.damping);
+    this.massField = fieldOf(data.mass);
+    this.dampingField = fieldOf(data.damping);
     this.convexNet = data.convex && new Convex(data.convex);
     this.volumeNet = data.volume && new Convex(data.volume);
     this.edits = { damping: 1, inertia: 1, stiffness: 1 };
@@ -160,18 +221,20 @@ class Law {
     const [mass, velocityForce] = this.massField.inertia(q, w);
     return solve(mass, plus(velocityForce, force, 1 / this.edits.inertia));
   }
-  /** State and velocity `dt` seconds later, input and load held, by velocity Verlet steps. */
+  /** State and velocity `dt` seconds later, input and load held. */
   step(q, v, u, load, dt) {
     const pieces = Math.max(1, Math.ceil(dt / this.unit / this.longestStep - 1e-9));
     const h = dt / this.unit / pieces;
     let w = v.map((x) => x * this.unit);
-    for (let i = 0; i < pieces; i++) {
-      const a = this.acceleration(q, w, u, load);
-      const half = plus(w, a, 0.5 * h);
-      q = plus(q, half, h);
-      w = plus(half, this.acceleration(q, plus(half, a, 0.5 * h), u, load), 0.5 * h);
-    }
+    for (let i = 0; i < pieces; i++) [q, w] = this.advance(q, w, (x, y) => this.acceleration(x, y, u, load), h);
     return [q, w.map((x) => x / this.unit)];
+  }
+  /** A velocity Verlet step. */
+  advance(q, w, accelerate, h) {
+    const a = accelerate(q, w);
+    const half = plus(w, a, 0.5 * h);
+    q = plus(q, half, h);
+    return [q, plus(half, accelerate(q, plus(half, a, 0.5 * h)), 0.5 * h)];
   }
   potential(q) {
     const [x] = this.image(q);
@@ -192,3 +255,40 @@ class Law {
     return (this.edits.damping * dot(w, this.dampingField.product(q, w))) / this.unit;
   }
 }
+
+/** A law of polynomial energies, integrated by the Runge-Kutta method. */
+class PolynomialLaw extends Law {
+  constructor(data) {
+    super(data);
+    this.elastic = new Monomials(data.energy.elastic);
+    this.pushed = new Monomials(data.energy.pushed);
+  }
+  conservativeForce(q, u) {
+    const { energy, edits } = this;
+    const [s, first] = this.elastic.clip(q);
+    let slope = q.map((x, i) => energy.farStiffness * (x - s[i]) * (1 - first[i]));
+    slope = plus(slope, applyTransposed(this.elastic.at(q)[1], energy.coefficients)).map((x) => x * edits.stiffness);
+    if (u.length) slope = plus(slope, applyTransposed(this.pushed.at(q)[1], applyTransposed(energy.inputCoefficients, u)), -1);
+    return slope.map((x) => -x);
+  }
+  potential(q) {
+    const { energy } = this;
+    const beyond = plus(q, this.elastic.clip(q)[0], -1);
+    const value = 0.5 * energy.farStiffness * dot(beyond, beyond) + dot(this.elastic.at(q)[0], energy.coefficients);
+    return this.edits.stiffness * (value - energy.atRest);
+  }
+  advance(q, w, accelerate, h) {
+    const stages = [];
+    for (const reach of [0, 0.5, 0.5, 1]) {
+      const [dq, dw] = stages.length ? stages[stages.length - 1] : [w, w];
+      const [x, y] = stages.length ? [plus(q, dq, reach * h), plus(w, dw, reach * h)] : [q, w];
+      stages.push([y, accelerate(x, y)]);
+    }
+    for (const [i, share] of [1, 2, 2, 1].entries()) {
+      q = plus(q, stages[i][0], (share * h) / 6);
+      w = plus(w, stages[i][1], (share * h) / 6);
+    }
+    return [q, w];
+  }
+}
+const lawOf = (data) => (data.energy ? new PolynomialLaw(data) : new Law(data));

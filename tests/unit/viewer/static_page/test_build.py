@@ -27,10 +27,11 @@ FORMS = {
     "linear": {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"},
     "convex": {"potential": "icnn", "actuation": "concave"},
     "signed": {"negative": 1.0},
+    "polynomial": {"terms": "polynomial"},
 }
 LAW = """
 const { law: data, q, v, u, loads, dt, edits } = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const law = new Law(data);
+const law = lawOf(data);
 Object.assign(law.edits, edits);
 let state = [q, v];
 const path = loads.map((load, i) => {
@@ -43,7 +44,7 @@ console.log(JSON.stringify(path));
 """
 SESSION = """
 const { run, at, drags } = JSON.parse(require("fs").readFileSync(0, "utf8"));
-const session = new PageSession(decode(run), new Law(run.law), viewOf(run.splats));
+const session = new PageSession(decode(run), lawOf(run.law), viewOf(run.splats));
 session.grasp(at);
 const path = drags.map((drag) => {
   if (drag === null) session.release();
@@ -57,11 +58,14 @@ run.coverage) }));
 
 
 @pytest.mark.parametrize(
-    ("form", "d"), [("default", 1), ("default", 4), ("linear", 2), ("convex", 2), ("signed", 2)]
+    ("form", "d"),
+    [("default", 1), ("default", 4), ("linear", 2), ("convex", 2), ("signed", 2), ("polynomial", 2)],
 )
 def test_ten_seconds_of_a_law_are_the_same_in_the_page(form: str, d: int) -> None:
     law = random_lagrangian(d, 2, 3, **FORMS[form])
     law.longest_step = 0.02 if d == 4 else 0.1  # these laws are stiff
+    if law.energy is not None:
+        law.energy.box.mul_(0.1)  # so that the motion leaves it
     dt, edits = 1 / 30, LawEdits(damping=2.0, inertia=1.5, stiffness=0.8)
     steps, rng = round(SECONDS * 30), np.random.default_rng(d)
     loads = 0.3 * np.repeat(rng.normal(size=(steps // 30, d)), 30, axis=0)
@@ -110,10 +114,9 @@ def test_the_page_loads_nothing_from_elsewhere(tmp_path) -> None:
     assert "default-src 'none'" in page
 
 
-@pytest.mark.parametrize("changes", [{"mass": "induced"}, {"terms": "polynomial"}])
-def test_a_law_that_a_page_cannot_compute_is_refused(changes: dict[str, str]) -> None:
+def test_a_law_that_a_page_cannot_compute_is_refused() -> None:
     one = session()
-    law = random_lagrangian(1, 1, 0, **changes)
+    law = random_lagrangian(1, 1, 0, mass="induced")
     object.__setattr__(one.operating_point, "law", law)
     with pytest.raises(ValueError, match=r"push this (one )?with lagsplat view"):
         render_page(one, title="", subtitle="")

@@ -31,7 +31,7 @@ console.log(JSON.stringify(sides.map((side) => {
 PUSH = """
 const { run, side, from, drags } = JSON.parse(require("fs").readFileSync(0, "utf8"));
 const view = viewOf(decode(run).splats);
-const session = new PageSession(run, new Law(run.law), view);
+const session = new PageSession(run, lawOf(run.law), view);
 view.look(...side);
 const at = session.grasp(from).at;
 const path = drags.map((drag) => {
