@@ -104,6 +104,8 @@ def fit_run(
         measured=chart.train,
         on_candidate=lambda row: log.info("%s", row),
     )
+    for warning in report.warnings:
+        log.warning("%s", warning)
     save_dynamics(out / "dynamics.safetensors", lagrangian, header, report)
     checkpoint.unlink(missing_ok=True)
     return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)

@@ -83,6 +83,25 @@ class FitReport:
     equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
     draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
+    @property
+    def warnings(self) -> list[str]:
+        """What a polynomial law says of itself that its user must know."""
+        if self.equilibria is None:
+            return []
+        found = []
+        if self.equilibria != 1:
+            found.append(
+                f"the law has {self.equilibria} stable equilibria under an extreme input of the recording: "
+                "pushed far, it may come to rest elsewhere. Record motion there, or lower "
+                "stage2.form.potential_degree"
+            )
+        if self.draws is None:
+            found.append(
+                "the law has no intervals: its windows diverge, or leave a parameter open. Its numbers are "
+                "those of the weak form, without a likelihood"
+            )
+        return found
+
 
 def fit_dynamics(
     trajectory: EncodedTrajectory,

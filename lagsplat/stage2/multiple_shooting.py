@@ -39,8 +39,8 @@ LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which wou
 CONVERGED = 1e-3  # relative decrease of the misfit
 VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
 EDGE = 3.0  # of the data [standard deviations]
-FRAME_AT_EDGE = 0.2  # standard deviation there of what each monomial adds to the frame of mass and damping
-ENERGY_AT_EDGE = 0.5 * 0.5 * EDGE**2  # and to an energy: half of that of a spring of stiffness one
+FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to the frame of mass and damping
+ENERGY_AT_EDGE = 0.5 * EDGE**2  # and to an energy: that of a spring of stiffness one
 
 
 @dataclass(frozen=True)

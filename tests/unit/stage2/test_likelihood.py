@@ -10,11 +10,11 @@ from scipy.integrate import solve_ivp
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2 import fit
 from lagsplat.stage2.config import LikelihoodConfig
-from lagsplat.stage2.fit import fit_dynamics, load_dynamics, save_dynamics
-from lagsplat.stage2.lagrangian import linearize_modes
+from lagsplat.stage2.fit import FitReport, fit_dynamics, load_dynamics, save_dynamics
+from lagsplat.stage2.lagrangian import find_equilibria, linearize_modes
 from lagsplat.stage2.rollout import interpolate_inputs, rollout
 from lagsplat.stage2.weak_form import fit_weak_form
-from tests.stage2_problems import form
+from tests.stage2_problems import form, random_lagrangian
 from tests.unit.stage2.test_fit import config
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S, NOISE = 1 / 60, 4.0, 1.2, 0.01
@@ -123,3 +123,20 @@ def test_inputs_between_frames_are_those_of_a_smooth_curve() -> None:
     torch.testing.assert_close(between[0, :, :, 0], 1.0 - 2.0 * at + 0.5 * at**2)
     two = interpolate_inputs(parabola[:, :2], nodes=3)
     torch.testing.assert_close(two[0, 0, 1], 0.5 * (parabola[0, 0] + parabola[0, 1]))
+
+
+def test_equilibria_of_a_double_well_are_found_and_said() -> None:
+    law = random_lagrangian(2, 1, 0, amount=0.0, terms="polynomial", potential_degree=4)
+    assert law.energy is not None
+    powers = law.energy.exponents.tolist()
+    with torch.no_grad():
+        law.energy.coefficients.zero_()
+        law.energy.input_coefficients.zero_()
+        for exponents, value in ([2.0, 0.0], -1.0), ([4.0, 0.0], 0.5), ([0.0, 2.0], 1.0):
+            law.energy.coefficients[powers.index(exponents)] = value
+        law.energy.input_coefficients[0, 0] = 3.0  # pushes along the first coordinate
+    free, pushed = find_equilibria(law, torch.tensor([[0.0], [1.0]], dtype=torch.float64))
+    assert sorted(free[:, 0].tolist()) == pytest.approx([-1.0, 1.0], abs=1e-3)
+    assert len(pushed) == 1
+    assert "2 stable equilibria" in FitReport(equilibria=2, draws=np.zeros((1, 1))).warnings[0]
+    assert FitReport(equilibria=1, draws=np.zeros((1, 1))).warnings == FitReport().warnings == []

@@ -27,5 +27,7 @@ with Job(snakemake) as job:
         measured=chart.train,
         on_candidate=job.say,
     )
+    for warning in report.warnings:
+        job.say(warning)
     save_dynamics(job.output.dynamics, lagrangian, job.header, report)
     save_csv(job.output.curve, [asdict(row) for row in report.curve])
