@@ -18,6 +18,8 @@ from lagsplat.provenance import code_digest, modules_in, parse_source, sha256_he
 
 MASSES = ("induced_mass", "constant_mass")
 """Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
+RECIPES = (("default", "polynomial"), ("paper", "paper"), ("upstream", "upstream"))
+"""Choices of ``conf/stage1`` and ``conf/stage2`` that are compared with the chosen ones."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,17 @@ def planned_masses(overrides: Overrides) -> list[PlannedRun]:
             runs += [replace(run, stage2=name) for name in dict.fromkeys([run.stage2, *MASSES])]
     for run in runs:
         compose_for(overrides, system=run.system, stage2=run.stage2)
+    return runs
+
+
+def planned_recipes(overrides: Overrides) -> list[PlannedRun]:
+    """Every run behind the table of recipes: each system with the chosen settings and with `RECIPES`."""
+    runs = []
+    for system in shared_experiment(overrides).systems:
+        own = compose_for(overrides, system=system)
+        chosen = (own.choices["stage1"], own.choices["stage2"])
+        for stage1, stage2 in dict.fromkeys([chosen, *RECIPES]):
+            runs += _runs_of(compose_for(overrides, system=system, stage1=stage1, stage2=stage2), stage2)
     return runs
 
 

@@ -29,6 +29,8 @@ TARGETS = (
     "results/tables/krauss.csv",
     "results/tables/mass.tex",
     "results/tables/mass.csv",
+    "results/tables/recipes.tex",
+    "results/tables/recipes.csv",
     "results/tables/physical.tex",
     "results/tables/physical.csv",
     "results/tables/truth.tex",

@@ -14,6 +14,7 @@ from lagsplat.planning.plan import (
     planned_baselines,
     planned_extrapolations,
     planned_masses,
+    planned_recipes,
     planned_runs,
     planned_spatial,
     read_overrides,
@@ -165,6 +166,11 @@ def extrapolated():
 def mass_runs():
     """Wildcards of the runs of the arms that differ in the form of their mass, ordered by it."""
     return [asdict(run) for run in planned_masses(overrides)]
+
+
+def recipe_runs():
+    """Wildcards of the runs that differ in the settings of both stages, system by system."""
+    return [asdict(run) for run in planned_recipes(overrides)]
 
 
 def first_masses(system):

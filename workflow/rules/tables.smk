@@ -74,6 +74,38 @@ rule mass:
         "../scripts/report/mass.py"
 
 
+rule recipes:
+    input:
+        metrics=gathered(recipe_runs, "metrics"),
+        records=gathered(recipe_runs, "record"),
+    output:
+        tex="results/tables/recipes.tex",
+        csv=report(
+            "results/tables/recipes.csv",
+            caption="../report/recipes.rst",
+            category="Tables",
+            labels={"table": "recipes"},
+        ),
+    log:
+        "results/logs/recipes.log",
+    benchmark:
+        "results/benchmarks/recipes.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=500,
+    params:
+        runs=lambda wildcards: recipe_runs(),
+        titles=lambda wildcards: titles(recipe_runs()),
+        before=lambda wildcards: [before("table")(run) for run in recipe_runs()],
+        code=script_digest(SCRIPTS / "report/recipes.py"),
+    message:
+        "Compare the paper's and the published code's settings with ours"
+    script:
+        "../scripts/report/recipes.py"
+
+
 rule physical:
     input:
         metrics=gathered(main_runs, "metrics"),

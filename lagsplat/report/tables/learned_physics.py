@@ -45,6 +45,12 @@ PAPER_ROBOT = "krauss_2seg"
 PHYSICAL_SCALES = {"frequency_error": 1e2, "latent_nrmse": 1.0, "image_ratio": 1.0, "ae_floor": 1e4}
 PHYSICAL_COLUMNS = ("system", "d", *PHYSICAL_SCALES, "diverged", "recording", "profile", "n_seeds")
 
+RECIPE_SCALES = {"frequency_error": 1e2, "latent_nrmse": 1.0, "image_ratio": 1.0, "mse_half_second": 1e3}
+RECIPE_COLUMNS = (
+    *("robot", "method", "d", *RECIPE_SCALES, "wall_s", "diverged", "rollouts"),
+    *("recording", "profile", "n_seeds"),
+)
+
 RUN_FIELDS = ("system", "recording", "profile", "stage1", "ae", "stage2", "seed")
 GUARANTEE_FIELDS = (
     *("holds", "rise", "rise_at_half_step", "step_s", "starts", "far", "free_settled", "free_diverged"),
@@ -194,6 +200,41 @@ def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str,
             "paper's are its own numbers, measured on its film."
         ),
         label="tab:mass",
+    )
+
+
+def format_recipes_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
+    """Format rows of `build_rows` that differ in the settings of both stages, system by system, in LaTeX."""
+
+    def format_row(row: Mapping[Any, Any]) -> str:
+        name = str(row["method"]).removeprefix("LaGSplat").strip(" ()") or "default"
+        return format_cells(
+            escape_latex(name),
+            *table_rows.format_scores(row, RECIPE_SCALES),
+            table_rows.format_score(row, "wall_s", scale=1.0 / 60.0),
+            table_rows.format_diverged(row),
+        )
+
+    frame = pd.DataFrame(list(rows), dtype=object)
+    return format_grouped_table(
+        frame,
+        by="robot",
+        titles=titles,
+        row=format_row,
+        head=[
+            r"Settings & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
+            r"MSE 0.5\,s & Time & Diverged \\",
+            r" & (\%) & & $(\times\,\varepsilon_{\mathrm{AE}})$ & $(10^{-3})$ & (min) & rollouts \\",
+        ],
+        alignment="lcccccc",
+        caption=(
+            "Settings of stage 1 and stage 2 over the same recordings: one name is that of stage 2 with "
+            "the default image model, two are those of both stages; paper: the paper's values, upstream: "
+            f"those of its published code. {join_distinct(frame['recording']).capitalize()} recordings, "
+            f"profile {join_distinct(frame['profile'])}; scores as in the table of free rollouts, medians "
+            "over seeds. Time is that of both stages."
+        ),
+        label="tab:recipes",
     )
 
 

@@ -18,6 +18,7 @@ from lagsplat.report.tables.learned_physics import (
     format_known_range,
     format_mass_latex,
     format_physical_latex,
+    format_recipes_latex,
     format_truth_latex,
 )
 from tests.unit.report.tables.test_benchmark import names, run, scored
@@ -194,3 +195,19 @@ def test_a_range_is_in_italics_where_the_recording_does_not_determine_the_number
     assert format_known_range(2.0, 30.0) == r"\emph{2 to 30}"
     assert format_known_range(-0.1, 0.2) == "-0.1 to 0.2"
     assert format_known_range(None, 0.2) == "--"
+
+
+def test_recipes_stand_under_their_system_with_the_minutes_they_took():
+    recipes = [("default", "default"), ("default", "polynomial"), ("paper", "paper")]
+    runs = [{**names(0, system="pendulum", stage2=two), "stage1": one} for one, two in recipes]
+    metrics = [{**run(0.1), "training": {"wall_s": 60.0 * k}} for k in (2, 3, 90)]
+    text = format_recipes_latex(build_rows(runs, metrics), titles={"pendulum": "Pendulum"})
+    lines = [line for line in text.splitlines() if line.strip().endswith(r"\\")]
+    assert [line.split("&")[0].replace(r"\quad", "").strip() for line in lines[-3:]] == [
+        "default",
+        "polynomial",
+        "paper, paper",
+    ]
+    assert [line.split("&")[5].strip(" $") for line in lines[-3:]] == ["2", "3", "90"]
+    assert all(line.count("&") == 6 for line in lines[-3:])
+    assert "Pendulum" in text
