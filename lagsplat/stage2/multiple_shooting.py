@@ -22,7 +22,7 @@ from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.polynomials import ForceBalance, PolynomialField
+from lagsplat.stage2.polynomials import ForceBalance, PolynomialField, differentiate_monomials
 from lagsplat.stage2.rollout import advance_under, interpolate_inputs, split_inputs
 from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step
 
@@ -41,6 +41,9 @@ VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
 EDGE = 3.0  # of the data [standard deviations]
 FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to the frame of mass and damping
 ENERGY_AT_EDGE = 0.5 * EDGE**2  # and to an energy: that of a spring of stiffness one
+GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
+LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
+LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 
 
 @dataclass(frozen=True)
@@ -236,6 +239,45 @@ class ParameterVector:
         return {name: x.view(p.shape) for (name, p), x in zip(self.parts.items(), pieces, strict=True)}
 
 
+class StiffnessGuard:
+    """Points between the states of a recording at which the loaded stiffness must stay positive.
+
+    Where it is, the law has one equilibrium. Without it, polynomials that fit the states bend down beside
+    them.
+
+    Args:
+        parameters: of the law.
+        trajectory: states and inputs; each point mixes two states, a little beyond both, and any input.
+        seed: of the points.
+    """
+
+    def __init__(self, parameters: ParameterVector, trajectory: EncodedTrajectory, *, seed: int) -> None:
+        energy, q, u = parameters.terms[0], trajectory.latents, trajectory.inputs
+        rng = np.random.default_rng(seed)
+        share = rng.uniform(-BEYOND, 1.0 + BEYOND, (GUARDED, 1))
+        one, other = q[rng.integers(len(q), size=(2, GUARDED))]
+        at = torch.from_numpy(np.clip(share * one + (1.0 - share) * other, q.min(axis=0), q.max(axis=0)))
+        load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
+        _, _, elastic = differentiate_monomials(at, energy.exponents, box=energy.box)
+        _, _, pushed = differentiate_monomials(at, energy.input_exponents, box=energy.box)
+        loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
+        self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy, by each coefficient
+        sizes = {name: p.numel() for name, p in parameters.parts.items()}
+        names = list(np.repeat(list(sizes), list(sizes.values())))
+        of_energy = ("energy.coefficients", "energy.input_coefficients")
+        self.columns = torch.tensor([i for part in of_energy for i, name in enumerate(names) if name == part])
+
+    def measure(self, theta: Float[Tensor, " p"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n p"]]:
+        """What the smallest eigenvalues lack, as residuals of unit size, with their derivatives."""
+        stiffness = torch.einsum("k,nkij->nij", theta[self.columns], self.curvatures)
+        values, vectors = torch.linalg.eigh(stiffness)
+        lacking = (LEAST_STIFFNESS - values[:, 0]).clamp(min=0.0)
+        weakest = vectors[:, :, 0] * (lacking > 0.0)[:, None]
+        rows = theta.new_zeros(len(lacking), len(theta))
+        rows[:, self.columns] = -torch.einsum("ni,nkij,nj->nk", weakest, self.curvatures, weakest)
+        return lacking / LACKING_STIFFNESS, rows / LACKING_STIFFNESS
+
+
 @dataclass(frozen=True)
 class Residuals:
     """Paths of all windows, residuals in units of noise and coupling, and half the sum of their squares."""
@@ -282,6 +324,7 @@ class MultipleShooting:
         noise: standard deviation of the encoded positions, one for each coordinate.
         memory: correlation of the noise from frame to frame: it is autoregressive.
         coupling: standard deviation of the gaps between windows, one for each position and velocity.
+        guard: keeps the loaded stiffness positive.
     """
 
     def __init__(
@@ -292,8 +335,9 @@ class MultipleShooting:
         noise: Float64[np.ndarray, " d"],
         memory: Float64[np.ndarray, " d"],
         coupling: Float64[np.ndarray, " s"],
+        guard: StiffnessGuard | None = None,
     ) -> None:
-        self.parameters, self.windows = parameters, windows
+        self.parameters, self.windows, self.guard = parameters, windows, guard
         self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
         self.coupling = torch.from_numpy(coupling)
         self.before = np.flatnonzero(windows.linked)
@@ -345,6 +389,8 @@ class MultipleShooting:
         position = self._whiten((path[:, :-1, :d] - self.windows.targets[:, :-1])[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         prior = (self.precision * (theta - self.prior_mean).square()).sum()
+        if self.guard is not None:
+            prior = prior + self.guard.measure(theta)[0].square().sum()
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
         return Residuals(path, position, gap, cost if np.isfinite(cost) else float("inf"))
 
@@ -386,6 +432,9 @@ class MultipleShooting:
         prior = self.precision.numpy()
         law = rows.T @ rows + np.diag(prior)
         law_gradient = rows.T @ values + prior * (theta - self.prior_mean).numpy()
+        if self.guard is not None:
+            lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
+            law, law_gradient = law + by_law.T @ by_law, law_gradient + by_law.T @ lacking
         return NormalEquations(states, link, mixed, law, states_gradient, law_gradient)
 
     def measure_evidence(self, fitted: WindowFit) -> float:
@@ -548,7 +597,7 @@ def fit_windows(
     starts = torch.from_numpy(state[windows.frames])
     scale = np.sqrt(np.mean((state - state.mean(axis=0)) ** 2, axis=0)) + 1e-12
     size = coupling * scale
-    problem = MultipleShooting(
-        ParameterVector(lagrangian), windows, noise=noise, memory=memory, coupling=size
-    )
+    parameters = ParameterVector(lagrangian)
+    guard = StiffnessGuard(parameters, measured, seed=0)
+    problem = MultipleShooting(parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard)
     return problem, problem.fit(starts, iterations=iterations)

@@ -12,6 +12,7 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.multiple_shooting import (
     MultipleShooting,
     ParameterVector,
+    StiffnessGuard,
     choose_stretches,
     cut_windows,
     solve_normal,
@@ -31,12 +32,14 @@ def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torc
     lagrangian = random_lagrangian(2, 1, 3, amount=0.05, terms="polynomial")
     motion = trajectory()
     windows = cut_windows(motion, motion.segments, n=4, time_unit_s=0.1, longest_step=0.15)
+    parameters = ParameterVector(lagrangian)
     shooting = MultipleShooting(
-        ParameterVector(lagrangian),
+        parameters,
         windows,
         noise=np.full(2, 0.1),
         memory=np.array([0.0, 0.6]),
         coupling=np.full(4, coupling),
+        guard=StiffnessGuard(parameters, motion, seed=0),
     )
     starts = torch.from_numpy(np.concatenate([motion.latents, 0.0 * motion.latents], axis=1)[windows.frames])
     return shooting, shooting.parameters.read(), starts
@@ -76,6 +79,18 @@ def test_derivatives_are_those_of_the_rollout() -> None:
     away[:, 3] = step
     ends = [shooting.parameters.roll_out(theta, starts + sign * away, shooting.windows) for sign in (1, -1)]
     torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_start[..., 3], rtol=1e-5, atol=1e-6)
+
+
+def test_a_guard_asks_for_a_stiffness_that_the_law_lacks() -> None:
+    shooting, theta, _ = problem()
+    guard, (energy, _, _) = shooting.guard, shooting.parameters.terms
+    assert guard is not None
+    assert torch.all(guard.measure(torch.zeros_like(theta))[0] > 2.0)
+    with torch.no_grad():
+        energy.set_quadratic(torch.eye(2).double(), torch.zeros(2).double(), torch.ones(1, 2).double())
+    lacking, rows = guard.measure(shooting.parameters.read())
+    assert not lacking.any()
+    assert not rows.any()
 
 
 def test_elimination_gives_the_step_of_the_whole_system() -> None:
