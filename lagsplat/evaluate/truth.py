@@ -58,7 +58,6 @@ def compare_with_truth(
             "of different recordings; simulate and train again"
         )
     windows = _free_windows(metrics, truth, chart)
-    parameters = ParameterVector(lagrangian)
     oscillating = np.flatnonzero(truth.damped_frequencies_hz > 0).tolist()
     excited = sorted({number for window in windows for number in window}) or oscillating[:1]
     # without intervals, a mode that nothing excites would look as if it were known
@@ -69,17 +68,26 @@ def compare_with_truth(
             [window[number] for window in windows if number in window], _name(number, oscillating)
         )
     still = np.zeros(lagrangian.n_inputs)
-    spread = [] if draws is None else draw_modes(parameters, draws, torch.from_numpy(still))
+    spread = _draw(lagrangian, draws, still)
     true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
     rows += _law_rows(lagrangian, still, spread, true, compared, oscillating, "linearised law")
     if len(truth.mean_pressure):
         true = {"frequency_hz": truth.loaded_frequencies_hz, "rate_per_s": truth.loaded_decay_rates_per_s}
         held = truth.mean_pressure
-        loaded = [] if draws is None else draw_modes(parameters, draws, torch.from_numpy(held))
+        loaded = _draw(lagrangian, draws, held)
         rows += _law_rows(
             lagrangian, held, loaded, true, compared, oscillating, "law under the mean pressure"
         )
     return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian, spread)}
+
+
+def _draw(
+    lagrangian: Lagrangian, draws: Float64[np.ndarray, "n p"] | None, u: Float64[np.ndarray, " n_u"]
+) -> list[LinearizedModes]:
+    """Modes of the drawn laws under an input; none where nothing was drawn."""
+    if draws is None:
+        return []
+    return draw_modes(ParameterVector(lagrangian), draws, torch.from_numpy(u))
 
 
 def _name(number: int, oscillating: Sequence[int]) -> str:
