@@ -24,7 +24,8 @@ class FormConfig:
     terms: str = "networks"  # or 'polynomial', for which none of the above counts
     potential_degree: int = 4  # of a polynomial potential
     input_degree: int = 3  # of the polynomial volume of each input
-    matrix_degree: int = 1  # of the frame of a polynomial M and C, which have twice this degree; 0: constant
+    # of the frame of a polynomial M and C; 0: constant; None: 2 for one coordinate, 1 for several
+    matrix_degree: int | None = 1
 
     def __post_init__(self) -> None:
         check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
@@ -34,7 +35,8 @@ class FormConfig:
         check.require_choice(self, "stage2.form", "terms", ("networks", "polynomial"))
         check.require_least(self, "stage2.form", 2, "potential_degree")
         check.require_least(self, "stage2.form", 1, "input_degree")
-        check.require_least(self, "stage2.form", 0, "matrix_degree")
+        if self.matrix_degree is not None:
+            check.require_least(self, "stage2.form", 0, "matrix_degree")
         check.require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
         check.require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
         check.require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")

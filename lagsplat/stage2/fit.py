@@ -503,7 +503,11 @@ class DynamicsFit:
         for higher in reversed(tried):
             if not self._grow(higher, measured, smooth):
                 break
-        for degree in range(1, form.matrix_degree + 1):
+        most = form.matrix_degree
+        if most is None:
+            # in several coordinates a frame of degree two is free wherever the recording is thin
+            most = 2 if self.trajectory.latents.shape[1] == 1 else 1
+        for degree in range(1, most + 1):
             self._grow(replace(self.lagrangian.form, matrix_degree=degree), measured, smooth)
         if self.solved is not None:
             fitted = self.solved[1]

@@ -143,7 +143,7 @@ class Lagrangian(nn.Module):
         polynomial = form.terms == "polynomial"
         if polynomial:
             box = WIDE * torch.tensor([[-1.0], [1.0]]).double().expand(2, d) if box is None else box
-            frame = PolynomialFrame(d, degree=form.matrix_degree, box=box)
+            frame = PolynomialFrame(d, degree=form.matrix_degree or 0, box=box)
             self.mass_term = PolynomialField(start.mass, floor=floors.mass, frame=frame)
             self.damping_term = PolynomialField(start.damping, floor=floors.damping, frame=frame)
         elif form.mass != "induced":
