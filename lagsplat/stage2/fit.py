@@ -605,14 +605,15 @@ class DynamicsFit:
                 continue
             # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
             # where the law fits
+            evidence = -math.inf
             if fits and score < AS_GOOD * best:
-                evidence = problem.measure_evidence(fitted)
-                if evidence > self.evidence - INDIFFERENT:
-                    self.evidence, self.coupling, self.solved = evidence, coupling, (problem, fitted)
-                    self.best.keep(self.lagrangian, score)
-                    continue
-            self.best.restore(self.lagrangian)
-            break
+                with suppress(np.linalg.LinAlgError):  # a start that nothing determines
+                    evidence = problem.measure_evidence(fitted)
+            if not evidence > self.evidence - INDIFFERENT:
+                self.best.restore(self.lagrangian)
+                break
+            self.evidence, self.coupling, self.solved = evidence, coupling, (problem, fitted)
+            self.best.keep(self.lagrangian, score)
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
