@@ -97,8 +97,8 @@ class FitReport:
             )
         if self.draws is None:
             found.append(
-                "the law has no intervals: its windows diverge, or leave a parameter open. Its numbers are "
-                "those of the weak form, without a likelihood"
+                "the law has no intervals: no windows of its likelihood fit, and it is that of the weak "
+                "form; or they leave a parameter open. Record longer, or check latent.png for noise"
             )
         return found
 
@@ -369,7 +369,10 @@ class BestCheckpoint:
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
-"""Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
+"""Length of the windows, as a share of the final one, and their coupling: they forgive a poor start.
+
+These, and the numbers below, were set by hand with both simulated arms and the rocker in view.
+"""
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""

@@ -26,9 +26,7 @@ from lagsplat.stage2.networks import (
 )
 from lagsplat.stage2.polynomials import ROOM, Box, PolynomialEnergy, PolynomialField, PolynomialFrame
 
-WIDE = (
-    4.0  # half of the box of polynomials where no data are given [standard deviations of the training data]
-)
+WIDE = 4.0  # half width of the box of polynomials where no data are given [whitened units]
 EQUILIBRIUM_STARTS = 64  # of the search for equilibria, spread over the box and the room around it
 EQUILIBRIUM_STEPS, LONGEST_NEWTON_STEP = 60, 0.5  # of it [-, whitened units]
 SAME_EQUILIBRIUM = 1e-2  # [whitened units]

@@ -2,10 +2,10 @@
 
 The trajectory as encoded is cut into windows. Unknown are the parameters of the law and the state at the
 start of every window. Residuals are the encoded positions less those of the rollouts, in units of their
-noise; and the gaps between the end of a window and the start of the next, in units of a coupling that is
-tightened from fit to fit. Loose windows converge from a poor law; coupled ones do not let free starts absorb
-what the law gets wrong. The states are eliminated window by window, so that a step solves one system of the
-size of the parameters. Steps are damped as Levenberg and Marquardt do.
+noise, which is autoregressive; and the gaps between the end of a window and the start of the next, in units
+of a coupling that is tightened from fit to fit. Loose windows converge from a poor law; coupled ones do not
+let free starts absorb what the law gets wrong. The states are eliminated window by window, so that a step
+solves one system of the size of the parameters. Steps are damped as Levenberg and Marquardt do.
 
 Source: Bock 1983, "Recent advances in parameter identification techniques for O.D.E."; Marquardt 1963,
 DOI 10.1137/0111030.
@@ -242,8 +242,8 @@ class ParameterVector:
 class StiffnessGuard:
     """Points between the states of a recording at which the loaded stiffness must stay positive.
 
-    Where it is, the law has one equilibrium. Without it, polynomials that fit the states bend down beside
-    them.
+    Where it is positive throughout a convex region, there is one equilibrium at most. Without the guard,
+    polynomials that fit the states bend down beside them.
 
     Args:
         parameters: of the law.
@@ -268,7 +268,7 @@ class StiffnessGuard:
         self.columns = torch.tensor([i for part in of_energy for i, name in enumerate(names) if name == part])
 
     def measure(self, theta: Float[Tensor, " p"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n p"]]:
-        """What the smallest eigenvalues lack, as residuals of unit size, with their derivatives."""
+        """What the smallest eigenvalue at each point lacks, in units of `LACKING_STIFFNESS`, by ``theta``."""
         stiffness = torch.einsum("k,nkij->nij", theta[self.columns], self.curvatures)
         values, vectors = torch.linalg.eigh(stiffness)
         lacking = (LEAST_STIFFNESS - values[:, 0]).clamp(min=0.0)
@@ -280,9 +280,10 @@ class StiffnessGuard:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Paths of all windows, residuals in units of noise and coupling, and half the sum of their squares."""
+    """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares."""
 
     path: Paths
+    error: Float[Tensor, "K n d"]  # of positions, before the noise's memory and size are taken out
     position: Float[Tensor, "K n d"]
     gap: Float[Tensor, "G s"]
     cost: float
@@ -367,17 +368,15 @@ class MultipleShooting:
             if decrease < CONVERGED:
                 break
         self.parameters.write(theta)
-        residual = (now.path[:, :-1, : len(self.noise)] - self.windows.targets[:, :-1]).numpy()
-        power = np.mean(residual**2, axis=(0, 1)) + 1e-300
-        memory = np.mean(residual[:, 1:] * residual[:, :-1], axis=(0, 1)) / power
+        error = now.error.numpy()
+        power = np.mean(error**2, axis=(0, 1)) + 1e-300
+        memory = np.mean(error[:, 1:] * error[:, :-1], axis=(0, 1)) / power
         return WindowFit(
             starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
         )
 
     def _missed(self, now: Residuals) -> float:
-        position = (
-            (now.path[:, :-1, : len(self.noise)] - self.windows.targets[:, :-1]).square().mean((0, 1)).sqrt()
-        )
+        position = now.error.square().mean((0, 1)).sqrt()
         gap = now.gap.square().mean(0).sqrt() * self.coupling if len(now.gap) else position
         return float(torch.cat([position, gap]).max())
 
@@ -386,13 +385,14 @@ class MultipleShooting:
         path = self.parameters.roll_out(theta, starts, self.windows)
         d = len(self.noise)
         # the last state of a window is the first of the next
-        position = self._whiten((path[:, :-1, :d] - self.windows.targets[:, :-1])[..., None])[..., 0]
+        error = path[:, :-1, :d] - self.windows.targets[:, :-1]
+        position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         prior = (self.precision * (theta - self.prior_mean).square()).sum()
         if self.guard is not None:
             prior = prior + self.guard.measure(theta)[0].square().sum()
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
-        return Residuals(path, position, gap, cost if np.isfinite(cost) else float("inf"))
+        return Residuals(path, error, position, gap, cost if np.isfinite(cost) else float("inf"))
 
     def _whiten(self, residual: Float[Tensor, "K n d k"]) -> Float[Tensor, "K n d k"]:
         """Residuals as independent ones of unit size, window by window."""
