@@ -21,7 +21,7 @@ from lagsplat.stage2.uncertainty import draw_modes, measure_intervals
 
 FRAMES, DT_S, FREQUENCY_HZ, DECAY_PER_S = 600, 1 / 30, 1.5, 0.5
 NOISE, CORRELATION = 0.03, 0.7
-SETTINGS = ("system=toy", "stage2=polynomial", "stage2.form.input_degree=1", "stage2.form.matrix_degree=0")
+SETTINGS = ("system=toy", "stage2.form.input_degree=1", "stage2.form.matrix_degree=0")
 
 
 def record(seed: int) -> EncodedTrajectory:

@@ -13,10 +13,12 @@ from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, s
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
+from lagsplat.stage2.config import Degrees
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
 
 SCHEMA = 2
+LINEAR_LAW = Degrees(potential=2, inputs=1, coordinates=1, matrices=0)
 LINEAR = ("constant", "constant", "quadratic", "linear")  # mass, damping, potential, actuation
 PROBED = 8  # frames that are encoded again to check that a chart belongs to an autoencoder
 
@@ -75,10 +77,10 @@ def make_run_subject(
 
 
 def describe_dynamics(lagrangian: Lagrangian) -> str:
-    """The kind of law: ``linear``, ``polynomial``, or ``nonlinear`` with a mass named that is not learned."""
+    """The kind of law: ``linear`` or ``nonlinear``, with a mass named that is not learned."""
     form = lagrangian.form
     if form.terms == "polynomial":
-        return "polynomial"
+        return "linear" if form.degrees == LINEAR_LAW else "nonlinear"
     if (form.mass, form.damping, form.potential, form.actuation) == LINEAR:
         return "linear"
     return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"

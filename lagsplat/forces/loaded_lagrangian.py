@@ -59,9 +59,8 @@ class LoadedLagrangian(Lagrangian):
     ) -> Latents:
         """Acceleration under load and edits; the factor of the inertia cancels in the velocity forces."""
         ready = ready or self.prepare()
-        force = self.conservative_force(q, u, ready)
-        force = force - self.edits.damping * self.damping_term.product(q, v)
-        return self.mass_term.accelerate(q, v, force / self.edits.inertia)
+        force = self.conservative_force(q, u, ready) - self.edits.damping * self.resist(q, v)
+        return self.accelerate(q, v, force / self.edits.inertia)
 
 
 @torch.no_grad()

@@ -16,9 +16,9 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.io.video.clips import find_clips
 from lagsplat.provenance import code_digest, modules_in, parse_source, sha256_hex
 
-MASSES = ("induced_mass", "constant_mass")
+MASSES = ("networks", "induced_mass", "constant_mass")  # learned, induced, constant
 """Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
-RECIPES = (("default", "polynomial"), ("paper", "paper"), ("upstream", "upstream"))
+RECIPES = (("default", "networks"), ("paper", "paper"), ("upstream", "upstream"))
 """Choices of ``conf/stage1`` and ``conf/stage2`` that are compared with the chosen ones."""
 
 
@@ -154,12 +154,12 @@ def planned_runs(overrides: Overrides) -> list[PlannedRun]:
 
 
 def planned_masses(overrides: Overrides) -> list[PlannedRun]:
-    """Every run behind the table of mass ablations: the arms, with the chosen dynamics and `MASSES`."""
+    """Every run behind the table of mass ablations: the arms, with networks and `MASSES`."""
     runs = []
     for run in planned_runs(overrides):
         own = compose_for(overrides, system=run.system)
         if own.system.film == "krauss" and run.stage2 == own.choices["stage2"]:
-            runs += [replace(run, stage2=name) for name in dict.fromkeys([run.stage2, *MASSES])]
+            runs += [replace(run, stage2=name) for name in MASSES]
     for run in runs:
         compose_for(overrides, system=run.system, stage2=run.stage2)
     return runs

@@ -1,8 +1,18 @@
 """Settings of stage 2: the form of the Lagrangian, where it starts and how it is fitted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from lagsplat import setting_checks as check
+
+
+class Degrees(NamedTuple):
+    """Degrees of the polynomials of a law."""
+
+    potential: int
+    inputs: int  # of the volume of each input
+    coordinates: int  # of the map from latents to the coordinates of the law; 1: the latents
+    matrices: int  # of the frame of mass and damping; 0: constant
 
 
 @dataclass
@@ -22,10 +32,30 @@ class FormConfig:
     diffeo_lipschitz: float  # bound on every residual branch, below 1 so that the map is invertible
     # with values for files from before there were polynomials
     terms: str = "networks"  # or 'polynomial', for which none of the above counts
-    potential_degree: int = 4  # of a polynomial potential
+    # degrees of a polynomial law; None: as high as the number of coordinates allows
+    potential_degree: int | None = 4
     input_degree: int = 3  # of the polynomial volume of each input
-    # of the frame of a polynomial M and C; 0: constant; None: 2 for one coordinate, 1 for several
-    matrix_degree: int | None = 1
+    matrix_degree: int | None = 1  # of the frame of M and C; 0: constant
+    map_degree: int | None = 1  # of the map from latents to the coordinates of the law; 1: the latents
+
+    @property
+    def degrees(self) -> Degrees:
+        """Degrees of the polynomials, none of which may be open."""
+        potential, coordinates, matrices = self.potential_degree, self.map_degree, self.matrix_degree
+        assert potential is not None
+        assert coordinates is not None
+        assert matrices is not None
+        return Degrees(potential, self.input_degree, coordinates, matrices)
+
+    def with_degrees(self, degrees: Degrees) -> "FormConfig":
+        """The form with these degrees."""
+        return replace(
+            self,
+            potential_degree=degrees.potential,
+            input_degree=degrees.inputs,
+            map_degree=degrees.coordinates,
+            matrix_degree=degrees.matrices,
+        )
 
     def __post_init__(self) -> None:
         check.require_choice(self, "stage2.form", "mass", ("learned", "constant", "induced"))
@@ -33,10 +63,10 @@ class FormConfig:
         check.require_choice(self, "stage2.form", "potential", ("quadratic", "icnn", "invex"))
         check.require_choice(self, "stage2.form", "actuation", ("linear", "concave", "bounded"))
         check.require_choice(self, "stage2.form", "terms", ("networks", "polynomial"))
-        check.require_least(self, "stage2.form", 2, "potential_degree")
         check.require_least(self, "stage2.form", 1, "input_degree")
-        if self.matrix_degree is not None:
-            check.require_least(self, "stage2.form", 0, "matrix_degree")
+        for least, name in ((2, "potential_degree"), (0, "matrix_degree"), (1, "map_degree")):
+            if getattr(self, name) is not None:
+                check.require_least(self, "stage2.form", least, name)
         check.require_choice(self, "stage2.form", "rest", ("learned", "fixed"))
         check.require_least(self, "stage2.form", 1, "matrix_width", "potential_width", "actuation_width")
         check.require_least(self, "stage2.form", 1, "diffeo_blocks", "diffeo_width")

@@ -36,8 +36,8 @@ from lagsplat.stage2.lagrangian import (
     find_equilibria,
     linearize_modes,
 )
+from lagsplat.stage2.likelihood_fit import LikelihoodFit
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
-from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.rollout import (
     ShootingTargets,
     ShootingWindows,
@@ -47,7 +47,6 @@ from lagsplat.stage2.rollout import (
     rollout,
 )
 from lagsplat.stage2.uncertainty import draw_parameters
-from lagsplat.stage2.weak_form import fit_weak_form
 
 KIND = "dynamics"
 SCHEMA = 3
@@ -131,11 +130,21 @@ def fit_dynamics(
     """
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
-    report, best = fit.report, fit.best
+    report, best, solved = fit.report, fit.best, None
     if config.form.terms == "polynomial":
-        fit.maximize_likelihood(measured or trajectory)
-        lagrangian = fit.lagrangian
-        best.restore(lagrangian)
+        likelihood = LikelihoodFit(
+            measured or trajectory,
+            trajectory,
+            config,
+            time_unit_s=fit.time_unit_s,
+            period_frames=fit.period_frames,
+            seed=seed,
+            score=fit.score_law,
+        )
+        start = likelihood.choose_start()
+        chosen = likelihood.maximize(start)
+        report.scores |= {"start": start.score, "likelihood": chosen.score}
+        lagrangian, solved = chosen.law, chosen.solved
         lagrangian.settle()
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
     else:
@@ -153,8 +162,8 @@ def fit_dynamics(
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
     report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
     report.under_mean_input = linearize_modes(lagrangian, mean_input)
-    if fit.solved is not None:
-        problem, windows = fit.solved
+    if solved is not None:
+        problem, windows = solved
         theta = problem.parameters.read().numpy()
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = draw_parameters(problem.score_windows(windows), theta, seed=seed)
@@ -228,47 +237,6 @@ def load_parameter_draws(path: Path | str) -> Float64[np.ndarray, "n p"] | None:
     """Read the drawn parameters of a law, or None where its fit had no likelihood."""
     tensors, _ = load_artifact(path, kind=KIND, schema=SCHEMA)
     return tensors.get(DRAWS)
-
-
-def grow_law(law: Lagrangian, form: FormConfig, *, seed: int) -> Lagrangian:
-    """Make a polynomial law of higher degrees that is the same function as ``law``."""
-    eye = torch.eye(law.d, dtype=torch.float64)
-    grown = Lagrangian(
-        Coefficients(eye, eye, eye, eye.new_zeros(law.n_inputs, law.d), eye.new_zeros(law.d)),
-        form=form,
-        floors=law.floors,
-        time_unit_s=float(law.time_unit_s),
-        seed=seed,
-        longest_step=law.longest_step,
-        box=None if law.energy is None else law.energy.box,
-    )
-    state = grown.state_dict()
-    for name, values in law.state_dict().items():
-        # polynomials are in the order of degrees
-        if name.startswith("energy.") and name.endswith("coefficients"):
-            state[name].zero_()[..., : values.shape[-1]] = values
-        elif name.endswith("frame.coefficients"):
-            state[name].zero_()[: len(values)] = values
-        else:
-            state[name] = values
-    grown.load_state_dict(state)
-    return grown
-
-
-def list_lower_degrees(form: FormConfig) -> list[FormConfig]:
-    """The form and those of lower degrees down to a linear law, each one degree below the one before.
-
-    The degree of the inputs is lowered first, then that of the potential, and so on.
-    """
-    forms = [form]
-    while (forms[-1].potential_degree, forms[-1].input_degree) != (2, 1):
-        potential, inputs = forms[-1].potential_degree, forms[-1].input_degree
-        of_inputs = inputs > 1 and (inputs >= potential - 1 or potential == 2)
-        if of_inputs:
-            forms.append(replace(forms[-1], input_degree=inputs - 1))
-        else:
-            forms.append(replace(forms[-1], potential_degree=potential - 1))
-    return forms
 
 
 def list_extreme_inputs(inputs: Float64[np.ndarray, "T n_u"]) -> Float[Tensor, "n n_u"]:
@@ -352,14 +320,10 @@ class BestCheckpoint:
     def consider(self, lagrangian: Lagrangian, score: float) -> None:
         """Keep the parameters if the score is the best so far."""
         if score < self.score:
-            self.keep(lagrangian, score)
+            self.score = score
+            self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
         else:
             self.rejected += 1
-
-    def keep(self, lagrangian: Lagrangian, score: float) -> None:
-        """Keep the parameters, whatever their score."""
-        self.score = score
-        self.state = {k: v.detach().clone() for k, v in lagrangian.state_dict().items()}
 
     def restore(self, lagrangian: Lagrangian) -> None:
         """Put the best parameters back."""
@@ -368,24 +332,7 @@ class BestCheckpoint:
 
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
-FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
-"""Length of the windows, as a share of the final one, and their coupling: they forgive a poor start.
-
-These, and the numbers below, were set by hand with both simulated arms and the rocker in view.
-"""
-FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
-COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
-"""The same, until the motion follows the law alone."""
-INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
 MOST_CORNERS = 6  # inputs whose extremes are combined
-BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
-LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
-LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
-ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
-MOST_PIECES = 4  # of a frame
-AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the law of higher likelihood is kept
-# (by hand, with the rocking chair in view)
-MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 SHORTENED_LEGS = (2, 1)
 """Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 
@@ -417,17 +364,17 @@ class DynamicsFit:
         self.metric = objective.add_ridge(bare, ridge=config.ridge)
         self.trajectory, self.config, self.seed = trajectory, config, seed
         self.anchor: objective.Anchor | None = None
-        self.solved: tuple[MultipleShooting, WindowFit] | None = None  # of the best law
-        self.evidence, self.coupling = -math.inf, COUPLED_LEGS[0][1]  # for it [nat], and between its windows
         self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
 
-    def score_candidate(self, stage: str, step: int, loss: float, *, keep: bool = True) -> float:
-        """Score the law as it is, ``keep`` it if it is the best, and add it to the training curve."""
-        score = self.validation.score(self.lagrangian)
-        if keep:
-            self.best.consider(self.lagrangian, score)
+    def score_candidate(self, stage: str, step: int, loss: float) -> None:
+        """Score the law as it is, keep it if it is the best, and add it to the training curve."""
+        self.best.consider(self.lagrangian, self.score_law(stage, self.lagrangian, step, loss))
+
+    def score_law(self, stage: str, law: Lagrangian, step: int, loss: float) -> float:
+        """Score a law and add it to the training curve."""
+        score = self.validation.score(law)
         row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
         self.on_candidate(row)
@@ -481,142 +428,6 @@ class DynamicsFit:
             softening = config.form.actuation == "bounded"
             fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
             fit.minimize(error, iterations=config.start.shooting_iterations)
-
-    def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
-        """Fit a polynomial law by its weak form and then by maximum likelihood.
-
-        The start has the degrees with which the weak form forecasts best. The law grows from them to those
-        that are asked for, degree by degree, as long as the evidence grows; mass and damping grow last.
-
-        Raises:
-            ValueError: no degree forecasts the clip better than its mean state does.
-        """
-        form = self.config.form
-        if not measured.inputs.shape[1]:
-            form = replace(form, input_degree=1)
-        ladder = list_lower_degrees(replace(form, matrix_degree=0))
-        smooth = replace(self.trajectory, inputs=measured.inputs)
-        self._start_from_weak_form(measured, ladder)
-        tried = ladder[: ladder.index(self.lagrangian.form)]
-        self.report.scores["start"] = self.best.score
-        self.noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
-        self.memory = np.zeros_like(self.noise)
-        self._refine(measured, smooth, FIRST_LEGS, part=4, estimate_noise=True)
-        self._refine(measured, smooth, COUPLED_LEGS, part=2)
-        for higher in reversed(tried):
-            if not self._grow(higher, measured, smooth):
-                break
-        most = form.matrix_degree
-        if most is None:
-            # in several coordinates a frame of degree two is free wherever the recording is thin
-            most = 2 if self.trajectory.latents.shape[1] == 1 else 1
-        for degree in range(1, most + 1):
-            self._grow(replace(self.lagrangian.form, matrix_degree=degree), measured, smooth)
-        if self.solved is not None:
-            fitted = self.solved[1]
-            self.noise, self.memory = np.maximum(fitted.rms, LEAST_NOISE), fitted.memory
-            self.evidence = -math.inf
-            self._refine(measured, smooth, [leg for leg in COUPLED_LEGS if leg[1] <= self.coupling], part=1)
-        self.report.scores["likelihood"] = self.best.score
-        if not self.best.score < MEAN_STATE:
-            raise ValueError(
-                f"no polynomial law of degree 2 to {form.potential_degree} forecasts the training clip "
-                f"better than its mean state (error {self.best.score:.3g} of its rms): the latents may be "
-                "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
-                "take stage2=default"
-            )
-
-    def _grow(self, form: FormConfig, measured: EncodedTrajectory, smooth: EncodedTrajectory) -> bool:
-        """Refine the law with the terms of ``form``, and return whether the evidence for it grows."""
-        law, state, score, solved = self.lagrangian, self.best.state, self.best.score, self.solved
-        evidence = self.evidence
-        self.lagrangian = grow_law(law, form, seed=self.seed)
-        self.best.keep(self.lagrangian, score)
-        self._refine(measured, smooth, [(1.0, self.coupling)], part=2)
-        better = self.evidence > evidence
-        if not better:
-            self.lagrangian, self.best.state, self.best.score, self.solved = law, state, score, solved
-            self.evidence = evidence
-        return better
-
-    def _start_from_weak_form(self, measured: EncodedTrajectory, ladder: Sequence[FormConfig]) -> None:
-        """Keep the law that forecasts best of those with these degrees and with bumps of several widths."""
-        longest = max(stop - start for start, stop in measured.segments)
-        widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
-        fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
-        laws = []
-        for form, width in product(ladder, fitting):
-            unit = self.time_unit_s
-            law = fit_weak_form(measured, form, half_width=width, time_unit_s=unit, seed=self.seed)
-            self.lagrangian = law
-            self._set_time_scales(measured)
-            laws.append((self.score_candidate("start", width, float("nan")), law))
-        score, self.lagrangian = min(laws, key=lambda row: row[0])
-        self._set_time_scales(measured)
-        self.best.keep(self.lagrangian, score)
-
-    def _set_time_scales(self, measured: EncodedTrajectory) -> None:
-        """Let the fastest mode decide how many steps divide a frame, the slowest how long windows are."""
-        modes = linearize_modes(self.lagrangian, torch.from_numpy(measured.inputs.mean(0)))
-        sizes = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * measured.dt_s
-        pieces = math.ceil(max(sizes.max() / LARGEST_STEP, sizes.min() / ACCURATE_STEP))
-        pieces = np.clip(pieces, 1, MOST_PIECES)
-        self.lagrangian.longest_step = measured.dt_s / self.time_unit_s / int(pieces)
-        oscillating = [f for f in modes.frequency_hz if f > 0]
-        if oscillating:
-            self.period_frames = max(4, round(1.0 / (min(oscillating) * measured.dt_s)))
-
-    def _refine(
-        self,
-        measured: EncodedTrajectory,
-        smooth: EncodedTrajectory,
-        legs: Sequence[tuple[float, float]],
-        *,
-        part: int,
-        estimate_noise: bool = False,
-    ) -> None:
-        """Fit the law to windows that grow and are coupled ever closer, as long as the evidence allows it.
-
-        What the law does not explain is so taken for noise of the encoder, as long as it can be that. One
-        ``part`` of the frames in so many is used: evidences are compared under the same noise and frames
-        alone. ``estimate_noise`` updates the noise after each leg instead.
-        """
-        likelihood = self.config.likelihood
-        for share, coupling in legs:
-            frames = max(likelihood.frames // part, FEWEST_PERIODS * self.period_frames)
-            segments = choose_stretches(measured.segments, frames=frames)
-            n = round(share * likelihood.periods * self.period_frames)
-            longest = max(stop - start for start, stop in segments) - 1
-            problem, fitted = fit_windows(
-                self.lagrangian,
-                measured,
-                smooth,
-                segments,
-                n=int(np.clip(n, min(4, longest), longest)),
-                coupling=coupling,
-                noise=self.noise,
-                memory=self.memory,
-                iterations=likelihood.iterations,
-            )
-            fits, best = fitted.missed < MEAN_STATE, self.best.score
-            score = self.score_candidate("likelihood", fitted.steps, fitted.cost, keep=estimate_noise)
-            if estimate_noise:
-                if fitted.steps:
-                    self.noise, self.memory = np.maximum(fitted.rms, LEAST_NOISE), fitted.memory
-                else:
-                    self.best.restore(self.lagrangian)
-                continue
-            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
-            # where the law fits
-            evidence = -math.inf
-            if fits and score < AS_GOOD * best:
-                with suppress(np.linalg.LinAlgError):  # a start that nothing determines
-                    evidence = problem.measure_evidence(fitted)
-            if not evidence > self.evidence - INDIFFERENT:
-                self.best.restore(self.lagrangian)
-                break
-            self.evidence, self.coupling, self.solved = evidence, coupling, (problem, fitted)
-            self.best.keep(self.lagrangian, score)
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""

@@ -24,11 +24,22 @@ from lagsplat.stage2.networks import (
     pull_back,
     push_forward,
 )
-from lagsplat.stage2.polynomials import ROOM, Box, PolynomialEnergy, PolynomialField, PolynomialFrame
+from lagsplat.stage2.polynomials import (
+    LONGEST_NEWTON_STEP,
+    ROOM,
+    Ball,
+    PolynomialEnergy,
+    PolynomialField,
+    PolynomialFrame,
+    PolynomialMap,
+    draw_states,
+    enclose_states,
+    make_wide_ball,
+)
 
-WIDE = 4.0  # half width of the box of polynomials where no data are given [whitened units]
-EQUILIBRIUM_STARTS = 64  # of the search for equilibria, spread over the box and the room around it
-EQUILIBRIUM_STEPS, LONGEST_NEWTON_STEP = 60, 0.5  # of it [-, whitened units]
+WIDE = 4.0  # radius of the ball of polynomials where no data are given [whitened units]
+EQUILIBRIUM_STARTS = 64  # of the search for equilibria, spread over the ball and the room around it
+EQUILIBRIUM_STEPS = 60  # of it
 SAME_EQUILIBRIUM = 1e-2  # [whitened units]
 
 
@@ -85,10 +96,10 @@ class Lagrangian(nn.Module):
     ``K``, ``M`` and ``C`` have floors, and every network starts at zero. The internal unit of time is
     ``time_unit_s`` seconds; a step of the integrator is at most ``longest_step`` of them.
 
-    With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` instead. Energy still
-    never rises and motion is bounded; equilibria are not one by construction, but counted
-    (`find_equilibria`). Such a law is integrated by the Runge-Kutta method, under inputs interpolated between
-    frames.
+    With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` of the coordinates ``x
+    = g(q)`` of a `PolynomialMap`, as are the mass and the damping. Energy still never rises and motion is
+    bounded; equilibria are not one by construction, but counted (`find_equilibria`). Such a law is
+    integrated by the Runge-Kutta method, under inputs interpolated between frames.
 
     Args:
         start: constant matrices to start from.
@@ -100,7 +111,7 @@ class Lagrangian(nn.Module):
         mass_scale: factor on an induced mass.
         signed: whether inputs take negative values.
         longest_step: longest step of the integrator in internal time units.
-        box: smallest and largest training latents, between which polynomials are free.
+        ball: around the training latents, in which polynomials are free.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
 
@@ -125,7 +136,7 @@ class Lagrangian(nn.Module):
         mass_scale: float = 1.0,
         signed: bool = False,
         longest_step: float = math.inf,
-        box: Box | None = None,
+        ball: Ball | None = None,
     ) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
@@ -138,10 +149,12 @@ class Lagrangian(nn.Module):
         self.mass_term: MatrixField | ConstantMatrix | PolynomialField | InducedMass
         self.damping_term: MatrixField | ConstantMatrix | PolynomialField
         self.energy: PolynomialEnergy | None = None
+        self.coordinates: PolynomialMap | None = None
         polynomial = form.terms == "polynomial"
         if polynomial:
-            box = WIDE * torch.tensor([[-1.0], [1.0]]).double().expand(2, d) if box is None else box
-            frame = PolynomialFrame(d, degree=form.matrix_degree or 0, box=box)
+            ball = make_wide_ball(d, WIDE) if ball is None else ball
+            self.coordinates = PolynomialMap(d, degree=form.degrees.coordinates, ball=ball)
+            frame = PolynomialFrame(d, degree=form.degrees.matrices, ball=ball)
             self.mass_term = PolynomialField(start.mass, floor=floors.mass, frame=frame)
             self.damping_term = PolynomialField(start.damping, floor=floors.damping, frame=frame)
         elif form.mass != "induced":
@@ -169,8 +182,8 @@ class Lagrangian(nn.Module):
             size = (form.diffeo_blocks, form.diffeo_width)
             self.diffeo = Diffeomorphism(d, *size, lipschitz=form.diffeo_lipschitz, generator=generator)
         self.convex: Icnn | None = None
-        if polynomial and box is not None:
-            self._make_energy(start, box)
+        if polynomial and ball is not None:
+            self._make_energy(start, ball)
         elif form.potential != "quadratic":
             self.convex = Icnn(d, width=form.potential_width, heads=1, generator=generator)
         self.volume_net: Icnn | None = None
@@ -178,14 +191,14 @@ class Lagrangian(nn.Module):
             heads = n_inputs * (1 + self.signed)
             self.volume_net = Icnn(d, width=form.actuation_width, heads=heads, generator=generator)
 
-    def _make_energy(self, start: Coefficients, box: Box) -> None:
+    def _make_energy(self, start: Coefficients, ball: Ball) -> None:
         """Make polynomials that begin as the quadratic potential and the linear volumes of ``start``."""
         self.energy = PolynomialEnergy(
             self.d,
             self.n_inputs,
-            potential_degree=self.form.potential_degree,
-            input_degree=self.form.input_degree,
-            box=box,
+            potential_degree=self.form.degrees.potential,
+            input_degree=self.form.degrees.inputs,
+            ball=ball,
             far_stiffness=float(torch.trace(start.stiffness)) / self.d,
         )
         self.energy.set_quadratic(start.stiffness, start.rest, start.pressure_map)
@@ -196,6 +209,16 @@ class Lagrangian(nn.Module):
         """Set the rest state of a polynomial law to its equilibrium without inputs."""
         with torch.no_grad():
             self.rest.copy_(find_equilibrium(self, torch.zeros(self.n_inputs, dtype=torch.float64)))
+
+    def move_ball(self, latents: Latents) -> None:
+        """Let the polynomials in the coordinates of the law be free where the map takes ``latents`` to."""
+        assert self.energy is not None
+        assert self.coordinates is not None
+        assert isinstance(self.mass_term, PolynomialField)
+        with torch.no_grad():
+            ball = enclose_states(self.coordinates.evaluate(latents)[0])
+            self.energy.ball.copy_(ball)
+            self.mass_term.frame.ball.copy_(ball)
 
     @property
     def integrator(self) -> str:
@@ -227,16 +250,25 @@ class Lagrangian(nn.Module):
 
     def mass(self, q: Latents) -> Spd:
         """``M(q)``."""
-        return self.mass_term.matrix(q)
+        return self._pull_back_matrix(self.mass_term, q)
 
     def damping(self, q: Latents) -> Spd:
         """``C(q)`` per internal time unit."""
-        return self.damping_term.matrix(q)
+        return self._pull_back_matrix(self.damping_term, q)
+
+    def _pull_back_matrix(
+        self, term: MatrixField | ConstantMatrix | PolynomialField | InducedMass, q: Latents
+    ) -> Spd:
+        if self.coordinates is None:
+            return term.matrix(q)
+        x, jacobian = self.coordinates.evaluate(q)
+        return jacobian.mT @ term.matrix(x) @ jacobian
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
         """``V(q)``, zero at the rest state and, unless polynomial, positive elsewhere."""
-        if self.energy is not None:
-            return self.energy.potential(q) - self.energy.potential(self.rest[None])
+        if self.energy is not None and self.coordinates is not None:
+            x, rest = (self.coordinates.evaluate(at)[0] for at in (q, self.rest[None]))
+            return self.energy.potential(x) - self.energy.potential(rest)
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
@@ -251,8 +283,9 @@ class Lagrangian(nn.Module):
 
         Without ``u`` all inputs count as positive.
         """
-        if self.energy is not None:
-            return self.energy.volume(q) - self.energy.volume(self.rest[None])
+        if self.energy is not None and self.coordinates is not None:
+            x, rest = (self.coordinates.evaluate(at)[0] for at in (q, self.rest[None]))
+            return self.energy.volume(x) - self.energy.volume(rest)
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
@@ -269,8 +302,9 @@ class Lagrangian(nn.Module):
 
     def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """``-grad_q (V - u.nu)``: elastic force plus the generalised force of the inputs."""
-        if self.energy is not None:
-            return -self.energy.slope(q, u)
+        if self.energy is not None and self.coordinates is not None:
+            x, jacobian = self.coordinates.evaluate(q)
+            return -(self.energy.slope(x, u)[:, None] @ jacobian)[:, 0]
         image, hidden = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
         slope = torch.addmm(-ready.rest_slope, offset, ready.stiffness)
@@ -295,8 +329,25 @@ class Lagrangian(nn.Module):
         `prepare` in a loop.
         """
         ready = ready or self.prepare()
-        force = self.conservative_force(q, u, ready) - self.damping_term.product(q, v)
-        return self.mass_term.accelerate(q, v, force)
+        return self.accelerate(q, v, self.conservative_force(q, u, ready) - self.resist(q, v))
+
+    def resist(self, q: Latents, v: Latents) -> Latents:
+        """``C(q) v``."""
+        if self.coordinates is None:
+            return self.damping_term.product(q, v)
+        x, jacobian = self.coordinates.evaluate(q)
+        resisted = self.damping_term.product(x, (jacobian @ v[:, :, None])[:, :, 0])
+        return (resisted[:, None] @ jacobian)[:, 0]
+
+    def accelerate(self, q: Latents, v: Latents, force: Latents) -> Latents:
+        """``M^-1 (force + grad T - (dM/dt) v)``."""
+        if self.coordinates is None:
+            return self.mass_term.accelerate(q, v, force)
+        x, jacobian = self.coordinates.evaluate(q)
+        w = (jacobian @ v[:, :, None])[:, :, 0]
+        pulled = torch.linalg.solve_ex(jacobian.mT, force[:, :, None])[0][:, :, 0]
+        a = self.mass_term.accelerate(x, w, pulled) - self.coordinates.measure_bending(q, v)
+        return torch.linalg.solve_ex(jacobian, a[:, :, None])[0][:, :, 0]
 
 
 def _make_matrix(
@@ -335,18 +386,17 @@ def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[
 def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> list[Float[Tensor, "n d"]]:
     """Find the stable equilibria of a polynomial law under each of some constant inputs.
 
-    Newton steps of bounded length, uphill directions turned, from starts spread over the box in which the
+    Newton steps of bounded length, uphill directions turned, from starts spread over the ball in which the
     polynomials are free. A narrow basin between the starts can be missed.
 
     Args:
         lagrangian: a law with ``form.terms='polynomial'``.
         inputs: one row for each search.
     """
-    energy, d = lagrangian.energy, lagrangian.d
+    energy, coordinates = lagrangian.energy, lagrangian.coordinates
     assert energy is not None
-    spread = torch.quasirandom.SobolEngine(d, scramble=True, seed=0).draw(EQUILIBRIUM_STARTS).double()
-    low, high = energy.box
-    q = (low + ((1.0 + 2.0 * ROOM) * spread - ROOM) * (high - low)).repeat(len(inputs), 1)
+    assert coordinates is not None
+    q = draw_states(energy.ball, EQUILIBRIUM_STARTS, reach=1.0 + ROOM, seed=0).repeat(len(inputs), 1)
     u = inputs.repeat_interleave(EQUILIBRIUM_STARTS, 0)
     for _ in range(EQUILIBRIUM_STEPS):
         at = energy.differentiate(q, u)
@@ -361,7 +411,7 @@ def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> l
         for row in rows[ends]:
             if all(float((row - other).norm()) > SAME_EQUILIBRIUM for other in distinct):
                 distinct.append(row)
-        found.append(torch.stack(distinct) if distinct else rows[:0])
+        found.append(coordinates.invert(torch.stack(distinct)) if distinct else rows[:0])
     return found
 
 

@@ -1,11 +1,12 @@
 """Maximum likelihood of a law by Gauss-Newton multiple shooting with variational equations.
 
 The trajectory as encoded is cut into windows. Unknown are the parameters of the law and the state at the
-start of every window. Residuals are the encoded positions less those of the rollouts, in units of their
-noise, which is autoregressive; and the gaps between the end of a window and the start of the next, in units
-of a coupling that is tightened from fit to fit. Loose windows converge from a poor law; coupled ones do not
-let free starts absorb what the law gets wrong. The states are eliminated window by window, so that a step
-solves one system of the size of the parameters. Steps are damped as Levenberg and Marquardt do.
+start of every window, in the coordinates of the law. Residuals are the encoded positions less those of the
+rollouts, as latents, in units of their noise, which is autoregressive; and the gaps between the end of a
+window and the start of the next, in units of a coupling that is tightened from fit to fit. Loose windows
+converge from a poor law; coupled ones do not let free starts absorb what the law gets wrong. The states are
+eliminated window by window, so that a step solves one system of the size of the parameters. Steps are damped
+as Levenberg and Marquardt do.
 
 Source: Bock 1983, "Recent advances in parameter identification techniques for O.D.E."; Marquardt 1963,
 DOI 10.1137/0111030.
@@ -22,11 +23,19 @@ from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.polynomials import ForceBalance, PolynomialField, differentiate_monomials
-from lagsplat.stage2.rollout import advance_under, interpolate_inputs, split_inputs
-from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step
+from lagsplat.stage2.polynomials import (
+    REACH,
+    ForceBalance,
+    PolynomialField,
+    differentiate_monomials,
+    draw_states,
+    evaluate_monomials,
+    measure_stretch,
+)
+from lagsplat.stage2.rollout import interpolate_inputs, split_inputs
+from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step, take_runge_kutta_step
 
-States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] at the start of each window
+States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] in the coordinates of the law
 Paths = Float[Tensor, "K n s"]
 
 # The numbers below were set by hand, with the simulated arm of one segment and the rocker in view.
@@ -36,14 +45,15 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS = 10  # of a step, each ten times as damped
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
-CONVERGED = 1e-3  # relative decrease of the misfit
 VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
 EDGE = 3.0  # of the data [standard deviations]
-FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to the frame of mass and damping
-ENERGY_AT_EDGE = 0.5 * EDGE**2  # and to an energy: that of a spring of stiffness one
+FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
+ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
 LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
+LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
+MAP = "coordinates.coefficients"
 
 
 @dataclass(frozen=True)
@@ -123,9 +133,11 @@ class ParameterVector:
     def __init__(self, lagrangian: Lagrangian) -> None:
         energy, mass, damping = lagrangian.energy, lagrangian.mass_term, lagrangian.damping_term
         assert energy is not None
+        assert lagrangian.coordinates is not None
         assert isinstance(mass, PolynomialField)
         assert isinstance(damping, PolynomialField)
         self.lagrangian, self.terms = lagrangian, (energy, mass, damping)
+        self.coordinates = lagrangian.coordinates
         self.parts = {name: p for name, p in lagrangian.named_parameters() if p.requires_grad}
 
     def read(self) -> Float[Tensor, " p"]:
@@ -138,26 +150,36 @@ class ParameterVector:
             for parameter, value in zip(self.parts.values(), self._split(theta).values(), strict=True):
                 parameter.copy_(value)
 
+    def find_columns(self, *names: str) -> Int[Tensor, " n"]:
+        """Places of some parts in the vector, part by part."""
+        sizes = [p.numel() for p in self.parts.values()]
+        first = dict(zip(self.parts, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
+        return torch.cat([first[name] + torch.arange(self.parts[name].numel()) for name in names])
+
     def weigh_prior(self) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
         """Mean and precision of the prior.
 
         It is vague about the parameters as they are, and expects of each monomial above a spring's, and of
-        the frame, to be small at the edge of the data. What the recording does not determine is left out so.
+        the frame and the map, to be small at the edge of the data. What the recording does not determine is
+        left out so.
         """
         energy, mass, _ = self.terms
-        degrees = {
-            "energy.coefficients": energy.exponents.sum(1),
-            "energy.input_coefficients": energy.input_exponents.sum(1),
-            "mass_term.frame.coefficients": mass.frame.exponents.sum(1)[:, None, None],
+        shape = mass.frame.exponents.sum(1)[:, None, None]
+        bend = self.coordinates.exponents.sum(1)[:, None]
+        # what a monomial adds at the edge, in standard deviations; below that of a linear law
+        sizes = {
+            "mass_term.frame.coefficients": EDGE**shape / FRAME_AT_EDGE,
+            MAP: bend * EDGE ** (bend - 1.0) / FRAME_AT_EDGE,
         }
+        for name, exponents in (("", energy.exponents), ("input_", energy.input_exponents)):
+            degree = exponents.sum(1)
+            size = EDGE**degree / ENERGY_AT_EDGE
+            sizes[f"energy.{name}coefficients"] = torch.where(degree > 2, size, 0.0)
         mean, precision = [], []
         for name, p in self.parts.items():
-            degree = degrees.get(name, torch.zeros(()))
-            first = 0 if name.endswith("frame.coefficients") else 2  # the degree of what a linear law has
-            bent = degree > first
-            mean.append(torch.where(bent, 0.0, p.detach()).reshape(-1))
-            at_edge = FRAME_AT_EDGE if first == 0 else ENERGY_AT_EDGE
-            precision.append(torch.where(bent, (EDGE**degree / at_edge) ** 2, VAGUE).expand_as(p).reshape(-1))
+            size = sizes.get(name, torch.zeros(())).expand_as(p).reshape(-1)
+            mean.append(torch.where(size > 0.0, 0.0, p.detach().reshape(-1)))
+            precision.append(torch.where(size > 0.0, size.square(), VAGUE))
         return torch.cat(mean), torch.cat(precision).double()
 
     def scale_direction(self) -> Float[Tensor, " p"]:
@@ -173,14 +195,39 @@ class ParameterVector:
     def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
         """States of all windows, the start included; leaves the law at ``theta``."""
         self.write(theta)
-        law, d = self.lagrangian, self.lagrangian.d
-        path, ready = [starts], law.prepare()
+        (energy, mass, damping), d = self.terms, self.lagrangian.d
+
+        def rate(state: States, u: Float[Tensor, "K n_u"]) -> States:
+            x, w = state[:, :d], state[:, d:]
+            force = -energy.slope(x, u) - damping.product(x, w)
+            return torch.cat([w, mass.accelerate(x, w, force)], 1)
+
+        path, pieces = [starts], windows.inputs.shape[2] // 2
         for i in range(windows.n):
-            u, step = windows.inputs[:, i], windows.steps[:, i, None]
-            path.append(
-                torch.cat(advance_under(law, path[-1][:, :d], path[-1][:, d:], u, step=step, ready=ready), 1)
-            )
+            state, step = path[-1], windows.steps[:, i, None] / pieces
+            for j in range(pieces):
+                start, middle, end = windows.inputs[:, i, 2 * j : 2 * j + 3].unbind(1)
+                state = take_runge_kutta_step(rate, state, step, (start, middle, end))
+            path.append(state)
         return torch.stack(path, 1)
+
+    @torch.no_grad()
+    def observe(self, theta: Float[Tensor, " p"], x: Float[Tensor, "K n d"]) -> Float[Tensor, "K n d"]:
+        """Latents at positions in the coordinates of the law; leaves the law at ``theta``."""
+        self.write(theta)
+        return self.coordinates.invert(x.flatten(0, 1)).view(x.shape)
+
+    @torch.no_grad()
+    def differentiate_observation(
+        self, theta: Float[Tensor, " p"], q: Float[Tensor, "K n d"]
+    ) -> tuple[Float[Tensor, "K n d d"], Float[Tensor, "K n d m"]]:
+        """Derivatives of the latents ``q`` by the position and by the coefficients of the map."""
+        self.write(theta)
+        flat, shape = q.flatten(0, 1), q.shape
+        value, _ = evaluate_monomials(flat, self.coordinates.exponents, ball=self.coordinates.ball)
+        inverse = torch.linalg.inv(self.coordinates.evaluate(flat)[1])
+        by_map = -torch.einsum("bij,bk->bikj", inverse, value)
+        return inverse.view(*shape, -1), by_map.reshape(*shape, -1)
 
     @torch.no_grad()
     def differentiate(
@@ -226,6 +273,7 @@ class ParameterVector:
                 slopes.append(torch.cat([top, torch.cat(balance.differentiate_by_state(), 2)], 1))
                 inverses.append(-balance.inverse_mass)
                 blocks = balance.differentiate_by_parameters()
+                blocks[MAP] = x.new_zeros(batch, d, self.parts[MAP].numel())  # latents alone depend on it
                 rows.append(torch.cat([blocks[name] for name in self.parts], 2))
             by_start, by_rate = differentiate_runge_kutta_step(slopes, h[:, :, None])
             weights = [rate[:, :, d:] @ inverse for rate, inverse in zip(by_rate, inverses, strict=True)]
@@ -239,43 +287,59 @@ class ParameterVector:
         return {name: x.view(p.shape) for (name, p), x in zip(self.parts.items(), pieces, strict=True)}
 
 
-class StiffnessGuard:
-    """Points between the states of a recording at which the loaded stiffness must stay positive.
+class Guard:
+    """Points at which the map of a law must stay invertible and its energy stable.
 
-    Where it is positive throughout a convex region, there is one equilibrium at most. Without the guard,
-    polynomials that fit the states bend down beside them.
+    Where the loaded stiffness is positive between the states of the recording, there is one equilibrium at
+    most. Without the guard, polynomials that fit the states bend down beside them, and maps fold.
 
     Args:
         parameters: of the law.
-        trajectory: states and inputs; each point mixes two states, a little beyond both, and any input.
+        trajectory: states and inputs; a point of the energy mixes two states, a little beyond both, and any
+            input.
         seed: of the points.
     """
 
     def __init__(self, parameters: ParameterVector, trajectory: EncodedTrajectory, *, seed: int) -> None:
-        energy, q, u = parameters.terms[0], trajectory.latents, trajectory.inputs
+        energy, coordinates = parameters.terms[0], parameters.coordinates
+        q, u = trajectory.latents, trajectory.inputs
+        self.eye = torch.eye(q.shape[1], dtype=torch.float64)
+        around = draw_states(coordinates.ball, GUARDED, reach=REACH, seed=seed)
+        self.slopes = evaluate_monomials(around, coordinates.exponents, ball=coordinates.ball)[1]
         rng = np.random.default_rng(seed)
         share = rng.uniform(-BEYOND, 1.0 + BEYOND, (GUARDED, 1))
         one, other = q[rng.integers(len(q), size=(2, GUARDED))]
         at = torch.from_numpy(np.clip(share * one + (1.0 - share) * other, q.min(axis=0), q.max(axis=0)))
         load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
-        _, _, elastic = differentiate_monomials(at, energy.exponents, box=energy.box)
-        _, _, pushed = differentiate_monomials(at, energy.input_exponents, box=energy.box)
+        with torch.no_grad():  # the stiffness is that at the points as the map is now
+            at, _ = coordinates.evaluate(at)
+        _, _, elastic = differentiate_monomials(at, energy.exponents, ball=energy.ball)
+        _, _, pushed = differentiate_monomials(at, energy.input_exponents, ball=energy.ball)
         loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
-        self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy, by each coefficient
-        sizes = {name: p.numel() for name, p in parameters.parts.items()}
-        names = list(np.repeat(list(sizes), list(sizes.values())))
-        of_energy = ("energy.coefficients", "energy.input_coefficients")
-        self.columns = torch.tensor([i for part in of_energy for i, name in enumerate(names) if name == part])
+        self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
+        self.of_map = parameters.find_columns(MAP)
+        self.of_energy = parameters.find_columns("energy.coefficients", "energy.input_coefficients")
 
     def measure(self, theta: Float[Tensor, " p"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n p"]]:
-        """What the smallest eigenvalue at each point lacks, in units of `LACKING_STIFFNESS`, by ``theta``."""
-        stiffness = torch.einsum("k,nkij->nij", theta[self.columns], self.curvatures)
+        """What stiffness and stretch lack, in units of what may lack, and its derivatives by ``theta``."""
+        stiffness = torch.einsum("k,nkij->nij", theta[self.of_energy], self.curvatures)
         values, vectors = torch.linalg.eigh(stiffness)
-        lacking = (LEAST_STIFFNESS - values[:, 0]).clamp(min=0.0)
-        weakest = vectors[:, :, 0] * (lacking > 0.0)[:, None]
-        rows = theta.new_zeros(len(lacking), len(theta))
-        rows[:, self.columns] = -torch.einsum("ni,nkij,nj->nk", weakest, self.curvatures, weakest)
-        return lacking / LACKING_STIFFNESS, rows / LACKING_STIFFNESS
+        weakest = vectors[:, :, 0]
+        by_energy = torch.einsum("ni,nkij,nj->nk", weakest, self.curvatures, weakest)
+        coefficients = theta[self.of_map].view(-1, len(self.eye))
+        stretch, outer = measure_stretch(self.eye + torch.einsum("ki,nkl->nil", coefficients, self.slopes))
+        by_map = torch.einsum("nil,nkl->nki", outer, self.slopes).flatten(1)
+        lacking, rows = [], []
+        for value, columns, by_column, least, unit in (
+            (values[:, 0], self.of_energy, by_energy, LEAST_STIFFNESS, LACKING_STIFFNESS),
+            (stretch, self.of_map, by_map, LEAST_STRETCH, LACKING_STRETCH),
+        ):
+            short = (least - value).clamp(min=0.0)
+            row = theta.new_zeros(len(short), len(theta))
+            row[:, columns] = -by_column * (short > 0.0)[:, None]
+            lacking.append(short / unit)
+            rows.append(row / unit)
+        return torch.cat(lacking), torch.cat(rows)
 
 
 @dataclass(frozen=True)
@@ -283,7 +347,8 @@ class Residuals:
     """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares."""
 
     path: Paths
-    error: Float[Tensor, "K n d"]  # of positions, before the noise's memory and size are taken out
+    latents: Float[Tensor, "K n d"]  # without the last state of a window, which is the first of the next
+    error: Float[Tensor, "K n d"]  # of latents, before the noise's memory and size are taken out
     position: Float[Tensor, "K n d"]
     gap: Float[Tensor, "G s"]
     cost: float
@@ -325,7 +390,7 @@ class MultipleShooting:
         noise: standard deviation of the encoded positions, one for each coordinate.
         memory: correlation of the noise from frame to frame: it is autoregressive.
         coupling: standard deviation of the gaps between windows, one for each position and velocity.
-        guard: keeps the loaded stiffness positive.
+        guard: keeps the map invertible and the loaded stiffness positive.
     """
 
     def __init__(
@@ -336,7 +401,7 @@ class MultipleShooting:
         noise: Float64[np.ndarray, " d"],
         memory: Float64[np.ndarray, " d"],
         coupling: Float64[np.ndarray, " s"],
-        guard: StiffnessGuard | None = None,
+        guard: Guard | None = None,
     ) -> None:
         self.parameters, self.windows, self.guard = parameters, windows, guard
         self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
@@ -344,8 +409,11 @@ class MultipleShooting:
         self.before = np.flatnonzero(windows.linked)
         self.prior_mean, self.precision = parameters.weigh_prior()
 
-    def fit(self, starts: States, *, iterations: int) -> WindowFit:
-        """Take damped Gauss-Newton steps until the misfit stays, and leave the law at the best parameters."""
+    def fit(self, starts: States, *, iterations: int, least_gain: float) -> WindowFit:
+        """Take damped Gauss-Newton steps, and leave the law at the best parameters.
+
+        It ends with a step by which the logarithm of the posterior density grows less than ``least_gain``.
+        """
         theta, damping, steps = self.parameters.read(), FIRST_DAMPING, 0
         now = self.evaluate(theta, starts)
         # slopes of windows that diverge lead nowhere
@@ -362,10 +430,10 @@ class MultipleShooting:
                 damping *= 10.0
             else:
                 break
-            decrease = 1.0 - after.cost / now.cost
+            gain = now.cost - after.cost
             theta, starts, now = theta + step[1], starts + step[0], after
             damping, steps = max(0.1 * damping, LEAST_DAMPING), steps + 1
-            if decrease < CONVERGED:
+            if gain < least_gain:
                 break
         self.parameters.write(theta)
         error = now.error.numpy()
@@ -383,16 +451,15 @@ class MultipleShooting:
     def evaluate(self, theta: Float[Tensor, " p"], starts: States) -> Residuals:
         """Roll out all windows and measure what they miss; the cost of a divergence is infinite."""
         path = self.parameters.roll_out(theta, starts, self.windows)
-        d = len(self.noise)
-        # the last state of a window is the first of the next
-        error = path[:, :-1, :d] - self.windows.targets[:, :-1]
+        latents = self.parameters.observe(theta, path[:, :-1, : len(self.noise)])
+        error = latents - self.windows.targets[:, :-1]
         position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         prior = (self.precision * (theta - self.prior_mean).square()).sum()
         if self.guard is not None:
             prior = prior + self.guard.measure(theta)[0].square().sum()
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
-        return Residuals(path, error, position, gap, cost if np.isfinite(cost) else float("inf"))
+        return Residuals(path, latents, error, position, gap, cost if np.isfinite(cost) else float("inf"))
 
     def _whiten(self, residual: Float[Tensor, "K n d k"]) -> Float[Tensor, "K n d k"]:
         """Residuals as independent ones of unit size, window by window."""
@@ -403,11 +470,15 @@ class MultipleShooting:
     def differentiate(self, theta: Float[Tensor, " p"], now: Residuals) -> "Slopes":
         """Derivatives of the residuals by the window starts and by the parameters."""
         transition, sensitivity = self.parameters.differentiate(theta, now.path, self.windows)
+        inverse_jacobian, by_map = self.parameters.differentiate_observation(theta, now.latents)
         k, d, before = len(now.path), len(self.noise), self.before
+        by_state = inverse_jacobian @ transition[:, :-1, :d]
+        by_law = inverse_jacobian @ sensitivity[:, :-1, :d]
+        by_law[..., self.parameters.find_columns(MAP)] += by_map
         inverse = (1.0 / self.coupling)[:, None]
         return Slopes(
-            self._whiten(transition[:, :-1, :d]).reshape(k, -1, 2 * d).numpy(),
-            self._whiten(sensitivity[:, :-1, :d]).reshape(k, -1, len(theta)).numpy(),
+            self._whiten(by_state).reshape(k, -1, 2 * d).numpy(),
+            self._whiten(by_law).reshape(k, -1, len(theta)).numpy(),
             (-inverse * transition[before, -1]).numpy(),
             (-inverse * sensitivity[before, -1]).numpy(),
         )
@@ -492,7 +563,7 @@ class MultipleShooting:
 
 
 class Slopes(NamedTuple):
-    """Derivatives of the positions, and of the gaps by the start before them and by the parameters."""
+    """Derivatives of the latents, and of the gaps by the start before them and by the parameters."""
 
     position_by_state: Float64[np.ndarray, "K r s"]
     position_by_law: Float64[np.ndarray, "K r p"]
@@ -576,6 +647,7 @@ def fit_windows(
     noise: Float64[np.ndarray, " d"],
     memory: Float64[np.ndarray, " d"],
     iterations: int,
+    least_gain: float,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
@@ -587,17 +659,20 @@ def fit_windows(
         coupling: standard deviation of the gaps between windows, relative to the rms of the states.
         noise, memory: standard deviation of the encoded positions, and its correlation from frame to frame.
         iterations: Gauss-Newton steps at most.
+        least_gain: of a step after which another is taken [nat].
 
     Raises:
         ValueError: no part is as long as a window.
     """
     unit = float(lagrangian.time_unit_s)
     windows = cut_windows(measured, segments, n=n, time_unit_s=unit, longest_step=lagrangian.longest_step)
-    state = np.concatenate([smooth.latents, unit * smooth.differentiate(1)], axis=1)
-    starts = torch.from_numpy(state[windows.frames])
-    scale = np.sqrt(np.mean((state - state.mean(axis=0)) ** 2, axis=0)) + 1e-12
-    size = coupling * scale
     parameters = ParameterVector(lagrangian)
-    guard = StiffnessGuard(parameters, measured, seed=0)
+    lagrangian.move_ball(torch.from_numpy(measured.latents))
+    velocity = torch.from_numpy(unit * smooth.differentiate(1))
+    with torch.no_grad():
+        state = torch.cat(parameters.coordinates.push(torch.from_numpy(smooth.latents), velocity), 1)
+    size = coupling * (state.std(0, correction=0).numpy() + 1e-12)
+    guard = Guard(parameters, measured, seed=0)
     problem = MultipleShooting(parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard)
-    return problem, problem.fit(starts, iterations=iterations)
+    starts = state[torch.from_numpy(windows.frames)]
+    return problem, problem.fit(starts, iterations=iterations, least_gain=least_gain)

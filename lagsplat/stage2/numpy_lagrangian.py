@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.polynomials import ROOM, PolynomialEnergy, PolynomialField
+from lagsplat.stage2.polynomials import ROOM, PolynomialEnergy, PolynomialField, PolynomialMap
 from lagsplat.stage2.rollout import split_inputs
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -42,7 +42,10 @@ class NumpyLagrangian:
         self.unit_s, self.longest_step = float(law.time_unit_s), law.longest_step
         self.integrator = law.integrator
         self.mass, self.damping = _to_arrays(law.mass_term), _to_arrays(law.damping_term)
-        self.energy = None if law.energy is None else PolynomialForces(law.energy, law.rest)
+        self.coordinates = None if law.coordinates is None else CoordinatesInArrays(law.coordinates)
+        self.energy = None
+        if law.energy is not None and self.coordinates is not None:
+            self.energy = PolynomialForces(law.energy, self.coordinates.evaluate(_array(law.rest))[0])
         self.blocks = [tuple(_array(part) for part in block) for block in ready.blocks]
         self.stiffness, self.rest_image = _array(ready.stiffness), _array(ready.rest_image)[0]
         self.rest_slope, self.pressure_map = _array(ready.rest_slope)[0], _array(law.pressure_map)
@@ -55,9 +58,12 @@ class NumpyLagrangian:
 
     def conservative_force(self, q: States, u: Inputs | None = None) -> States:
         """``-grad_q (k V - u.nu)`` with the edit ``k`` of the stiffness."""
-        if self.energy is not None:
-            force = -self.edits.stiffness * self.energy.elastic_slope(q)
-            return force if u is None or not u.shape[-1] else force + self.energy.input_force(q, u)
+        if self.energy is not None and self.coordinates is not None:
+            x, jacobian = self.coordinates.evaluate(q)
+            force = -self.edits.stiffness * self.energy.elastic_slope(x)
+            if u is not None and u.shape[-1]:
+                force = force + self.energy.input_force(x, u)
+            return (force[..., None, :] @ jacobian)[..., 0, :]
         image, hidden = self._push(q)
         offset = image - self.rest_image
         slope = offset @ self.stiffness - self.rest_slope
@@ -79,13 +85,21 @@ class NumpyLagrangian:
         self, q: States, v: States, u: Inputs | None = None, load: States | float = 0.0
     ) -> States:
         """Acceleration in internal time units, under the generalised force ``load`` beside the law's own."""
-        force = load + self.conservative_force(q, u) - self.edits.damping * self.damping.product(q, v)
-        return self.mass.accelerate(q, v, force / self.edits.inertia)
+        force = load + self.conservative_force(q, u)
+        if self.coordinates is None:
+            force = force - self.edits.damping * self.damping.product(q, v)
+            return self.mass.accelerate(q, v, force / self.edits.inertia)
+        x, jacobian = self.coordinates.evaluate(q)
+        w, bending = self.coordinates.differentiate(q, v)
+        pulled = np.linalg.solve(jacobian.swapaxes(-1, -2), force[..., None])[..., 0]
+        pulled = pulled - self.edits.damping * self.damping.product(x, w)
+        a = self.mass.accelerate(x, w, pulled / self.edits.inertia)
+        return np.linalg.solve(jacobian, (a - bending)[..., None])[..., 0]
 
     def potential(self, q: States) -> Values:
         """``k V(q)``, zero at the rest state of the law."""
-        if self.energy is not None:
-            return self.edits.stiffness * self.energy.potential(q)
+        if self.energy is not None and self.coordinates is not None:
+            return self.edits.stiffness * self.energy.potential(self.coordinates.evaluate(q)[0])
         image, _ = self._push(q)
         offset = image - self.rest_image
         value = 0.5 * ((offset @ self.stiffness) * offset).sum(-1)
@@ -97,13 +111,13 @@ class NumpyLagrangian:
 
     def kinetic(self, q: States, v: States) -> Values:
         """``m v.M v / 2`` at a velocity in 1/s."""
-        w = v * self.unit_s
-        return 0.5 * self.edits.inertia * (w * self.mass.product(q, w)).sum(-1)
+        x, w = self._push_forward(q, v * self.unit_s)
+        return 0.5 * self.edits.inertia * (w * self.mass.product(x, w)).sum(-1)
 
     def dissipated_power(self, q: States, v: States) -> Values:
         """``c v.C v`` per second, at a velocity in 1/s."""
-        w = v * self.unit_s
-        return self.edits.damping * (w * self.damping.product(q, w)).sum(-1) / self.unit_s
+        x, w = self._push_forward(q, v * self.unit_s)
+        return self.edits.damping * (w * self.damping.product(x, w)).sum(-1) / self.unit_s
 
     def step(
         self, q: States, v: States, u: Inputs | None = None, load: States | float = 0.0, *, dt_s: float
@@ -140,6 +154,12 @@ class NumpyLagrangian:
 
         state = take_runge_kutta_step(rate, np.concatenate([q, w], axis=-1), h, (None, None, None))
         return state[..., : self.d], state[..., self.d :]
+
+    def _push_forward(self, q: States, v: States) -> tuple[States, States]:
+        """State and velocity in the coordinates of mass and damping."""
+        if self.coordinates is None:
+            return q, v
+        return self.coordinates.evaluate(q)[0], self.coordinates.differentiate(q, v)[0]
 
     def _push(self, q: States) -> tuple[States, list[np.ndarray]]:
         image, hidden = q, []
@@ -235,7 +255,7 @@ class PolynomialSpd:
     net: None = None
 
     def __init__(self, field: PolynomialField) -> None:
-        self.inner, self.floor, self.box = _array(field.inner()), field.floor, _array(field.frame.box)
+        self.inner, self.floor, self.ball = _array(field.inner()), field.floor, _array(field.frame.ball)
         self.exponents = _array(field.frame.exponents).astype(int)
         self.coefficients, self.eye = _array(field.frame.coefficients), np.eye(field.frame.d)
 
@@ -255,7 +275,7 @@ class PolynomialSpd:
         return np.linalg.solve(matrix, force[..., None] - change)[..., 0]
 
     def _evaluate_frame(self, q: States) -> tuple[np.ndarray, np.ndarray]:
-        value, slope = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
+        value, slope = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
         frame = self.eye + np.einsum("...k,kij->...ij", value, self.coefficients)
         return frame, np.einsum("...kl,kij->...ijl", slope, self.coefficients)
 
@@ -263,13 +283,13 @@ class PolynomialSpd:
 class PolynomialForces:
     """The slopes of a `PolynomialEnergy` in arrays, its potential zero at ``rest``."""
 
-    def __init__(self, energy: PolynomialEnergy, rest: Tensor) -> None:
-        self.box, self.far_stiffness = _array(energy.box), float(energy.far_stiffness)
+    def __init__(self, energy: PolynomialEnergy, rest: States) -> None:
+        self.ball, self.far_stiffness = _array(energy.ball), float(energy.far_stiffness)
         self.exponents = _array(energy.exponents).astype(int)
         self.input_exponents = _array(energy.input_exponents).astype(int)
         self.coefficients = _array(energy.coefficients)
         self.input_coefficients = _array(energy.input_coefficients)
-        self.at_rest = self._energy(_array(rest))
+        self.at_rest = self._energy(rest)
 
     def potential(self, q: States) -> Values:
         """``V(q)``."""
@@ -277,40 +297,93 @@ class PolynomialForces:
 
     def elastic_slope(self, q: States) -> States:
         """``grad V``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
-        s, first = clip_softly_in_arrays(q, box=self.box)
-        return self.far_stiffness * (q - s) * (1.0 - first) + np.einsum(
-            "k,...kd->...d", self.coefficients, slope
-        )
+        _, slope = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
+        clip = ClipInArrays(q, self.ball)
+        far = self.far_stiffness * (q - clip.s) * (1.0 - clip.slope)
+        return far + np.einsum("k,...kd->...d", self.coefficients, slope)
 
     def input_force(self, q: States, u: Inputs) -> States:
         """``grad (u.nu)``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, box=self.box)
+        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, ball=self.ball)
         return np.einsum("...k,...kd->...d", u @ self.input_coefficients, slope)
 
     def _energy(self, q: States) -> Values:
-        value, _ = evaluate_monomials_in_arrays(q, self.exponents, box=self.box)
-        beyond = q - clip_softly_in_arrays(q, box=self.box)[0]
+        value, _ = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
+        beyond = q - ClipInArrays(q, self.ball).s
         return 0.5 * self.far_stiffness * (beyond * beyond).sum(-1) + value @ self.coefficients
 
 
-def clip_softly_in_arrays(q: States, *, box: np.ndarray) -> tuple[States, States]:
-    """`lagsplat.stage2.polynomials.clip_softly` in arrays: the clipped state and its first derivative."""
-    inside, room = np.clip(q, *box), ROOM * (box[1] - box[0])
-    tanh = np.tanh((q - inside) / room)
-    return inside + room * tanh, 1.0 - tanh * tanh
+class CoordinatesInArrays:
+    """A `PolynomialMap` in arrays."""
+
+    def __init__(self, coordinates: PolynomialMap) -> None:
+        self.exponents, self.ball = _array(coordinates.exponents).astype(int), _array(coordinates.ball)
+        self.coefficients, self.eye = _array(coordinates.coefficients), np.eye(coordinates.d)
+
+    def evaluate(self, q: States) -> tuple[States, np.ndarray]:
+        """``g`` and its Jacobian matrix."""
+        value, slope = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
+        return q + value @ self.coefficients, self.eye + self.coefficients.T @ slope
+
+    def differentiate(self, q: States, v: States) -> tuple[States, States]:
+        """First and second derivative of ``g`` along the line ``q + t v``."""
+        first, second = differentiate_monomials_along(q, v, self.exponents, ball=self.ball)
+        return v + first @ self.coefficients, second @ self.coefficients
+
+
+class ClipInArrays:
+    """`lagsplat.stage2.polynomials.SoftClip` in arrays."""
+
+    def __init__(self, q: States, ball: np.ndarray) -> None:
+        center, radius = ball[:-1], ball[-1]
+        self.z = q - center
+        self.r = np.maximum(np.linalg.norm(self.z, axis=-1, keepdims=True), radius)
+        tanh = np.tanh((self.r - radius) / (ROOM * radius))
+        self.slope = 1.0 - tanh * tanh
+        self.share = radius * (1.0 + ROOM * tanh) / self.r
+        self.first = (self.slope - self.share) / self.r
+        self.second = (-2.0 / (ROOM * radius) * tanh * self.slope - 2.0 * self.first) / self.r
+        self.s = center + self.share * self.z
+
+    def move(self, v: States) -> tuple[States, States]:
+        """First and second derivatives of ``s`` along the line ``q + t v``."""
+        radial = (self.z * v).sum(-1, keepdims=True) / self.r
+        turning = ((v * v).sum(-1, keepdims=True) - radial * radial) / self.r
+        change = self.first * radial
+        bend = self.second * radial * radial + self.first * turning
+        return self.share * v + change * self.z, 2.0 * change * v + bend * self.z
 
 
 def evaluate_monomials_in_arrays(
-    q: States, exponents: np.ndarray, *, box: np.ndarray
+    q: States, exponents: np.ndarray, *, ball: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
-    s, inner = (part[..., None, :] for part in clip_softly_in_arrays(q, box=box))
+    clip = ClipInArrays(q, ball)
+    s, d = clip.s[..., None, :], q.shape[-1]
     factors = s**exponents
-    lowered = exponents * s ** np.maximum(exponents - 1, 0) * inner
-    d = q.shape[-1]
+    lowered = exponents * s ** np.maximum(exponents - 1, 0)
     others = [np.delete(factors, i, axis=-1).prod(-1) for i in range(d)]
-    return factors.prod(-1), lowered * np.stack(others, -1)
+    slopes = lowered * np.stack(others, -1)
+    along = (slopes @ clip.z[..., None]) * (clip.first / clip.r)[..., None]
+    return factors.prod(-1), clip.share[..., None] * slopes + along * clip.z[..., None, :]
+
+
+def differentiate_monomials_along(
+    q: States, v: States, exponents: np.ndarray, *, ball: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives (*B, k) of monomials along the line ``q + t v``."""
+    clip = ClipInArrays(q, ball)
+    speed, change = clip.move(v)
+    value, first, second = (np.full((*q.shape[:-1], len(exponents)), each) for each in (1.0, 0.0, 0.0))
+    for i, power in enumerate(exponents.T):
+        x, dx, ddx = (part[..., i, None] for part in (clip.s, speed, change))
+        by_x = power * x ** np.maximum(power - 1, 0)
+        by_xx = power * (power - 1) * x ** np.maximum(power - 2, 0)
+        own, own_first, own_second = x**power, by_x * dx, by_xx * dx * dx + by_x * ddx
+        second = second * own + 2.0 * first * own_first + value * own_second
+        first = first * own + value * own_first
+        value = value * own
+    return first, second
 
 
 class ConvexNet:

@@ -1,8 +1,10 @@
 """Polynomial terms of the Lagrangian: potential and input potentials, and matrix fields, of low degree.
 
-All are polynomials of the soft-clipped state ``s``. Inside the data ``s`` is ``q``; far outside it is
-bounded, and so are the terms and their slopes; a spring holds what is beyond. A clip that began inside the
+All are polynomials of the soft-clipped state ``s``. Inside a ball around the data ``s`` is ``q``; outside it
+is bounded, and so are the terms and their slopes; a spring holds what is beyond. A clip that began inside the
 data would bend a line: with ``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
+A box would leave polynomials free in its corners, twice as far from its center as any state in four
+coordinates.
 """
 
 from collections.abc import Sequence
@@ -16,13 +18,35 @@ from torch import Tensor, nn
 from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.stage2.networks import cholesky_solve, factor_positive
 
-ROOM = 0.25  # of the width of the box of the data, by which the clipped state leaves it at most
+NEWTON_STEPS, LONGEST_NEWTON_STEP, ARRIVED = 40, 0.5, 1e-12  # [-, whitened units, whitened units]
+ROOM = 0.25  # of the radius of the ball, by which the clipped state leaves it at most
+OUTSIDE = 1e-3  # share of the states outside the ball: outliers of the encoder
+CHECKED, REACH = 8192, 2.0  # points at which a map must be invertible, and how many radii off they are
 
-Box = Float[Tensor, "2 d"]
-"""Smallest and largest value of each coordinate, between which the clipped state is the state."""
+Ball = Float[Tensor, " d1"]
+"""Center of the ball in which the clipped state is the state, and its radius, which is last."""
 
 Monomials = tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"]]
 """Values and gradients of monomials at ``B`` states."""
+
+
+def enclose_states(q: Latents) -> Ball:
+    """The ball around the mean of some states that leaves out one in a thousand."""
+    center = q.mean(0)
+    return torch.cat([center, (q - center).norm(dim=1).quantile(1.0 - OUTSIDE)[None]])
+
+
+def make_wide_ball(d: int, radius: float = 1e9) -> Ball:
+    """A ball around zero, by default so wide that nothing is clipped."""
+    return torch.cat([torch.zeros(d, dtype=torch.float64), torch.tensor([radius], dtype=torch.float64)])
+
+
+def draw_states(ball: Ball, n: int, *, reach: float, seed: int) -> Latents:
+    """Draw states at random, in all directions and uniformly up to ``reach`` times the radius of a ball."""
+    generator = torch.Generator().manual_seed(seed)
+    side = torch.randn(n, len(ball) - 1, generator=generator, dtype=torch.float64)
+    r = reach * ball[-1] * torch.rand(n, 1, generator=generator, dtype=torch.float64)
+    return ball[:-1] + r * side / side.norm(dim=1, keepdim=True)
 
 
 def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]:
@@ -35,59 +59,106 @@ def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]
     return torch.tensor(rows, dtype=torch.float64).reshape(-1, d)
 
 
-def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, box: Box) -> Monomials:
-    """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly outside ``box``.
+class SoftClip:
+    """The state ``s = c + a(r) (q - c)``, ``r = |q - c|``, that is ``q`` in a ball and bounded outside.
 
-    ``s = q`` in the box, and a tanh beyond; two derivatives are continuous.
+    Outside, ``r a(r) = R (1 + ROOM tanh((r - R) / (ROOM R)))``; two derivatives are continuous.
+
+    Args:
+        q: states [whitened units].
+        ball: its center ``c`` and radius ``R``.
+    """
+
+    def __init__(self, q: Latents, ball: Ball) -> None:
+        center, radius = ball[:-1], ball[-1]
+        self.z = q - center
+        norm = self.z.norm(dim=1, keepdim=True)
+        self.all_inside = not bool((norm > radius).any())
+        r = norm.clamp(min=radius)  # whereby all below is the identity's inside
+        tanh = torch.tanh((r - radius) / (ROOM * radius))
+        self.slope = 1.0 - tanh * tanh  # of r a(r)
+        self.bend = -2.0 / (ROOM * radius) * tanh * self.slope
+        self.share = radius * (1.0 + ROOM * tanh) / r  # a
+        first = (self.slope - self.share) / r  # da/dr, and the second derivative
+        second = (self.bend - 2.0 * first) / r
+        self.r, self.first = r, first
+        self.turned = first / r
+        self.curved = (second - self.turned) / r**2
+        self.s = q if self.all_inside else center + self.share * self.z
+
+    def pull_back(self, slopes: Float[Tensor, "B k d"]) -> Float[Tensor, "B k d"]:
+        """Slopes by ``q`` of functions whose ``slopes`` by ``s`` are known."""
+        if self.all_inside:
+            return slopes
+        along = slopes @ self.z[:, :, None]
+        return self.share[:, None] * slopes + self.turned[:, None] * along * self.z[:, None]
+
+    def pull_back_bends(
+        self, slopes: Float[Tensor, "B k d"], bends: Float[Tensor, "B k d d"]
+    ) -> Float[Tensor, "B k d d"]:
+        """Second derivatives by ``q`` of functions whose derivatives by ``s`` are known."""
+        if self.all_inside:
+            return bends
+        z, d = self.z, self.z.shape[1]
+        eye = torch.eye(d, dtype=z.dtype)
+        jacobian = self.share[:, :, None] * eye + self.turned[:, :, None] * z[:, :, None] * z[:, None]
+        along = (slopes @ z[:, :, None])[..., None]
+        spread = slopes[..., None] * z[:, None, None]
+        turned, curved = (part[:, :, None, None] for part in (self.turned, self.curved))
+        own = turned * (spread + spread.mT + along * eye)
+        own = own + curved * along * (z[:, :, None] * z[:, None])[:, None]
+        return jacobian[:, None] @ bends @ jacobian[:, None] + own
+
+    def weigh_far(self) -> tuple[Float[Tensor, "B 1"], Float[Tensor, "B 1"]]:
+        """Factor ``h`` of ``z`` in the slope of ``|q - s|^2 / 2``, and ``h'(r) / r``."""
+        missing, flat = 1.0 - self.share, 1.0 - self.slope
+        return missing * flat, -(self.first * flat + missing * self.bend) / self.r
+
+
+def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball) -> Monomials:
+    """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly (`SoftClip`).
 
     Args:
         q: states [whitened units].
         exponents: powers of each coordinate, one row a monomial, from `list_exponents`.
-        box: where ``s = q`` [whitened units].
+        ball: where ``s = q`` [whitened units].
 
     Example:
         >>> import torch
         >>> from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
         >>> exponents = list_exponents(1, lowest=1, highest=2)
-        >>> box = torch.tensor([[-9.0], [9.0]]).double()
-        >>> value, slope = evaluate_monomials(torch.tensor([[0.1]]).double(), exponents, box=box)
+        >>> ball = torch.tensor([0.0, 9.0]).double()
+        >>> value, slope = evaluate_monomials(torch.tensor([[0.1]]).double(), exponents, ball=ball)
         >>> [round(float(x), 4) for x in (*value[0], *slope[0, :, 0])]
         [0.1, 0.01, 1.0, 0.2]
     """
-    levels, (first, _) = _raise_powers(q, exponents, box=box)
-    order, d = exponents.long(), q.shape[1]
+    clip = SoftClip(q, ball)
+    levels, order, d = _raise_powers(clip.s, exponents), exponents.long(), q.shape[1]
     factors = [levels[order[:, i], i] for i in range(d)]
     value = torch.ones((len(exponents), len(q)), dtype=q.dtype)
     for factor in factors:
         value = value * factor
     slopes = []
     for i in range(d):
-        slope = exponents[:, i, None] * levels[(order[:, i] - 1).clamp(min=0), i] * first[i]
+        slope = exponents[:, i, None] * levels[(order[:, i] - 1).clamp(min=0), i]
         for j in range(d):
             if j != i:
                 slope = slope * factors[j]
         slopes.append(slope)
-    return value.T, torch.stack(slopes, 2).permute(1, 0, 2)
+    return value.T, clip.pull_back(torch.stack(slopes, 2).permute(1, 0, 2))
 
 
 def differentiate_monomials(
-    q: Latents, exponents: Float[Tensor, "k d"], *, box: Box
+    q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball
 ) -> tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"], Float[Tensor, "B k d d"]]:
     """Values, gradients and second derivatives of `evaluate_monomials`."""
-    levels, (first, second) = _raise_powers(q, exponents, box=box)
-    order, d = exponents.long(), q.shape[1]
+    clip = SoftClip(q, ball)
+    levels, order, d = _raise_powers(clip.s, exponents), exponents.long(), q.shape[1]
     rows = []  # value, first and second derivative of the power of each coordinate
     for i in range(d):
         power = exponents[:, i, None]
         lower, lowest = (levels[(order[:, i] - n).clamp(min=0), i] for n in (1, 2))
-        by_s = power * lower
-        rows.append(
-            (
-                levels[order[:, i], i],
-                by_s * first[i],
-                power * (power - 1.0) * lowest * first[i] ** 2 + by_s * second[i],
-            )
-        )
+        rows.append((levels[order[:, i], i], power * lower, power * (power - 1.0) * lowest))
     one = torch.ones((len(exponents), len(q)), dtype=q.dtype)
 
     def multiply(orders: Sequence[int]) -> Float[Tensor, "k B"]:
@@ -98,48 +169,37 @@ def differentiate_monomials(
 
     at = range(d)
     value = multiply([0] * d)
-    slope = [multiply([int(i == m) for m in at]) for i in at]
+    slope = torch.stack([multiply([int(i == m) for m in at]) for i in at], 2).permute(1, 0, 2)
     bend = [multiply([int(i == m) + int(j == m) for m in at]) for i in at for j in at]
-    stacked = torch.stack(bend, 2).reshape(len(exponents), len(q), d, d)
-    return value.T, torch.stack(slope, 2).permute(1, 0, 2), stacked.permute(1, 0, 2, 3)
+    bends = torch.stack(bend, 2).reshape(len(exponents), len(q), d, d).permute(1, 0, 2, 3)
+    return value.T, clip.pull_back(slope), clip.pull_back_bends(slope, bends)
 
 
-def clip_softly(q: Latents, *, box: Box) -> tuple[Latents, Latents, Latents]:
-    """The clipped state ``s`` of `evaluate_monomials` and its two derivatives, element by element."""
-    inside, room = q.clamp(box[0], box[1]), ROOM * (box[1] - box[0])
-    tanh = torch.tanh((q - inside) / room)
-    first = 1.0 - tanh * tanh
-    return inside + room * tanh, first, -2.0 / room * tanh * first
-
-
-def _raise_powers(
-    q: Latents, exponents: Float[Tensor, "k d"], *, box: Box
-) -> tuple[Float[Tensor, "n d B"], tuple[Float[Tensor, "d B"], Float[Tensor, "d B"]]]:
-    """Powers of the clipped state, and its first and second derivative by the state."""
-    s, first, second = (part.T for part in clip_softly(q, box=box))
-    powers = [torch.ones_like(s)]
+def _raise_powers(s: Latents, exponents: Float[Tensor, "k d"]) -> Float[Tensor, "n d B"]:
+    """Powers of the clipped state, from the zeroth on."""
+    powers = [torch.ones_like(s.T)]
     for _ in range(int(exponents.max()) if exponents.numel() else 0):
-        powers.append(powers[-1] * s)
-    return torch.stack(powers), (first, second)
+        powers.append(powers[-1] * s.T)
+    return torch.stack(powers)
 
 
 class PolynomialEnergy(nn.Module):
     """``U(q, u) = V(s) - u.nu(s) + k |q - s|^2 / 2`` with polynomials ``V`` and ``nu`` in their coefficients.
 
-    Far outside the data the polynomials are constant and a spring of stiffness ``k`` is left, so that every
+    Far outside the data the polynomials are bounded and a spring of stiffness ``k`` prevails, so that every
     motion is bounded. `lagsplat.stage2.lagrangian.find_equilibria` counts the equilibria inside.
 
     Args:
         d, n_inputs: coordinates and inputs.
         potential_degree, input_degree: degrees of ``V`` and of each ``nu``.
-        box: where ``s = q`` [whitened units].
+        ball: where ``s = q`` [whitened units].
         far_stiffness: ``k``.
     """
 
     exponents: Tensor
     input_exponents: Tensor
     far_stiffness: Tensor
-    box: Tensor
+    ball: Tensor
 
     def __init__(
         self,
@@ -148,11 +208,11 @@ class PolynomialEnergy(nn.Module):
         *,
         potential_degree: int,
         input_degree: int,
-        box: Box,
+        ball: Ball,
         far_stiffness: float,
     ) -> None:
         super().__init__()
-        self.register_buffer("box", box.clone())
+        self.register_buffer("ball", ball.clone())
         self.register_buffer("far_stiffness", torch.tensor(far_stiffness, dtype=torch.float64))
         exponents = list_exponents(d, lowest=1, highest=potential_degree)
         input_exponents = list_exponents(d, lowest=1, highest=input_degree)
@@ -185,41 +245,39 @@ class PolynomialEnergy(nn.Module):
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
         """``V + k |q - s|^2 / 2``, up to a constant."""
-        value, _ = evaluate_monomials(q, self.exponents, box=self.box)
-        beyond = q - clip_softly(q, box=self.box)[0]
+        value, _ = evaluate_monomials(q, self.exponents, ball=self.ball)
+        beyond = q - SoftClip(q, self.ball).s
         return 0.5 * self.far_stiffness * beyond.square().sum(1) + value @ self.coefficients
 
     def volume(self, q: Latents) -> Inputs:
         """``nu`` of each input, zero at ``q = 0``."""
-        value, _ = evaluate_monomials(q, self.input_exponents, box=self.box)
+        value, _ = evaluate_monomials(q, self.input_exponents, ball=self.ball)
         return value @ self.input_coefficients.T
 
     def slope(self, q: Latents, u: Inputs) -> Latents:
         """``grad_q U``."""
-        _, gradient = evaluate_monomials(q, self.exponents, box=self.box)
-        slope = self.pull_back_far(q)[0] + torch.einsum("k,bkd->bd", self.coefficients, gradient)
+        _, gradient = evaluate_monomials(q, self.exponents, ball=self.ball)
+        clip = SoftClip(q, self.ball)
+        slope = torch.einsum("k,bkd->bd", self.coefficients, gradient)
+        slope = slope + self.far_stiffness * clip.weigh_far()[0] * clip.z
         if u.shape[1]:
-            _, gradient = evaluate_monomials(q, self.input_exponents, box=self.box)
+            _, gradient = evaluate_monomials(q, self.input_exponents, ball=self.ball)
             slope = slope - torch.einsum("bk,bkd->bd", u @ self.input_coefficients, gradient)
         return slope
 
-    def pull_back_far(self, q: Latents) -> tuple[Latents, Latents]:
-        """Slope of ``k |q - s|^2 / 2`` and the diagonal of its second derivatives."""
-        s, first, second = clip_softly(q, box=self.box)
-        k, beyond = self.far_stiffness, q - s
-        return k * beyond * (1.0 - first), k * ((1.0 - first) ** 2 - beyond * second)
-
     def differentiate(self, q: Latents, u: Inputs) -> "EnergySlopes":
         """Slope and stiffness of ``U``, and the slopes of its monomials."""
-        _, elastic, elastic_bend = differentiate_monomials(q, self.exponents, box=self.box)
-        _, pushed, pushed_bend = differentiate_monomials(q, self.input_exponents, box=self.box)
-        far_slope, far_stiffness = self.pull_back_far(q)
-        loads = u @ self.input_coefficients
-        slope = far_slope + self.coefficients @ elastic - (loads[:, None] @ pushed)[:, 0]
-        stiffness = torch.diag_embed(far_stiffness) + torch.einsum(
-            "k,bkil->bil", self.coefficients, elastic_bend
-        )
+        _, elastic, elastic_bend = differentiate_monomials(q, self.exponents, ball=self.ball)
+        _, pushed, pushed_bend = differentiate_monomials(q, self.input_exponents, ball=self.ball)
+        loads, clip = u @ self.input_coefficients, SoftClip(q, self.ball)
+        slope = self.coefficients @ elastic - (loads[:, None] @ pushed)[:, 0]
+        stiffness = torch.einsum("k,bkil->bil", self.coefficients, elastic_bend)
         stiffness = stiffness - torch.einsum("bk,bkil->bil", loads, pushed_bend)
+        if not clip.all_inside:
+            share, growth = (self.far_stiffness * part for part in clip.weigh_far())
+            slope = slope + share * clip.z
+            far = torch.diag_embed(share.expand_as(q))
+            stiffness = stiffness + far + growth[:, :, None] * clip.z[:, :, None] * clip.z[:, None]
         return EnergySlopes(slope, stiffness, elastic, pushed)
 
 
@@ -232,6 +290,84 @@ class EnergySlopes(NamedTuple):
     pushed: Float[Tensor, "B m d"]
 
 
+class PolynomialMap(nn.Module):
+    """``x = g(q) = q + sum_k m_k(s) c_k``, coordinates in which a law is simpler than in the latents.
+
+    An encoder bends the mechanism's coordinates, and with them every term of its law alike. Monomials are of
+    degree two at least, so that ``g`` is the identity to first order at ``q = 0``.
+
+    Far outside the data it is a translation, so that it is invertible everywhere if its Jacobian is
+    (Hadamard), which `measure_least_stretch` tests.
+
+    Args:
+        d: coordinates.
+        degree: of the polynomials; 1 leaves ``x = q``.
+        ball: where ``s = q`` [whitened units].
+    """
+
+    exponents: Tensor
+    ball: Tensor
+
+    def __init__(self, d: int, *, degree: int, ball: Ball) -> None:
+        super().__init__()
+        self.d = d
+        self.register_buffer("ball", ball.clone())
+        exponents = list_exponents(d, lowest=2, highest=degree)
+        self.register_buffer("exponents", exponents, persistent=False)
+        self.coefficients = nn.Parameter(torch.zeros(len(exponents), d, dtype=torch.float64))
+
+    def evaluate(self, q: Latents) -> tuple[Latents, Float[Tensor, "B d d"]]:
+        """``g`` and its Jacobian matrix."""
+        value, slope = evaluate_monomials(q, self.exponents, ball=self.ball)
+        jacobian = torch.eye(self.d, dtype=q.dtype) + torch.einsum("ki,bkl->bil", self.coefficients, slope)
+        return q + value @ self.coefficients, jacobian
+
+    def push(self, q: Latents, v: Latents) -> tuple[Latents, Latents]:
+        """State and velocity in the coordinates of the law."""
+        x, jacobian = self.evaluate(q)
+        return x, (jacobian @ v[:, :, None])[:, :, 0]
+
+    def measure_bending(self, q: Latents, v: Latents) -> Latents:
+        """``d2g/dq2 v v``, the acceleration in these coordinates of a motion without any in the latents."""
+        _, _, second = differentiate_monomials(q, self.exponents, ball=self.ball)
+        return torch.einsum("bkij,bi,bj->bk", second, v, v) @ self.coefficients
+
+    @torch.no_grad()
+    def measure_least_stretch(self) -> float:
+        """Smallest singular value of the Jacobian at many states, negative where its determinant is."""
+        return float(
+            measure_stretch(self.evaluate(draw_states(self.ball, CHECKED, reach=REACH, seed=0))[1])[0].min()
+        )
+
+    @torch.no_grad()
+    def invert(self, x: Latents) -> Latents:
+        """The latents at ``x``, by Newton steps of bounded length; NaN where they do not arrive."""
+        q = x.clone()
+        if not len(self.exponents):
+            return q
+        for _ in range(NEWTON_STEPS):
+            image, jacobian = self.evaluate(q)
+            missed = x - image
+            if not float(missed.abs().max()) > ARRIVED:
+                break
+            step = torch.linalg.solve_ex(jacobian, missed[:, :, None])[0][:, :, 0]
+            q = q + step * (
+                LONGEST_NEWTON_STEP / step.norm(dim=1, keepdim=True).clamp(min=LONGEST_NEWTON_STEP)
+            )
+        arrived = (x - self.evaluate(q)[0]).abs().amax(1, keepdim=True) < 1e3 * ARRIVED
+        return q.where(arrived, torch.nan)
+
+
+def measure_stretch(
+    jacobian: Float[Tensor, "B d d"],
+) -> tuple[Float[Tensor, " B"], Float[Tensor, "B d d"]]:
+    """Smallest singular value, negative where the determinant is, and its derivative by the matrix."""
+    left, values, right = torch.linalg.svd(jacobian)
+    sign = torch.linalg.det(jacobian).sign()
+    outer = left[:, :, -1, None] * right[:, None, -1]
+    return sign * values[:, -1], sign[:, None, None] * outer
+
+
 class PolynomialFrame(nn.Module):
     """``J(q) = I + sum_k m_k(s) J_k``, the frame in which mass and damping of a law are constant.
 
@@ -241,23 +377,23 @@ class PolynomialFrame(nn.Module):
     Args:
         d: coordinates.
         degree: of the polynomials; 0 leaves ``J = I``.
-        box: where ``s = q`` [whitened units].
+        ball: where ``s = q`` [whitened units].
     """
 
     exponents: Tensor
-    box: Tensor
+    ball: Tensor
 
-    def __init__(self, d: int, *, degree: int, box: Box) -> None:
+    def __init__(self, d: int, *, degree: int, ball: Ball) -> None:
         super().__init__()
         self.d = d
-        self.register_buffer("box", box.clone())
+        self.register_buffer("ball", ball.clone())
         exponents = list_exponents(d, lowest=1, highest=degree)
         self.register_buffer("exponents", exponents, persistent=False)
         self.coefficients = nn.Parameter(torch.zeros(len(exponents), d, d, dtype=torch.float64))
 
     def evaluate(self, q: Latents) -> tuple[Float[Tensor, "B d d"], Float[Tensor, "B d d d"]]:
         """``J`` and its derivatives by each coordinate, the last axis."""
-        value, slope = evaluate_monomials(q, self.exponents, box=self.box)
+        value, slope = evaluate_monomials(q, self.exponents, ball=self.ball)
         frame = torch.eye(self.d, dtype=q.dtype) + torch.einsum("bk,kij->bij", value, self.coefficients)
         return frame, torch.einsum("bkl,kij->bijl", slope, self.coefficients)
 
@@ -326,7 +462,7 @@ class ForceBalance:
         q, self.v = state[:, :d], state[:, d:]
         self.eye = torch.eye(d, dtype=q.dtype)
         self.energy = energy.differentiate(q, u)
-        self.shape = differentiate_monomials(q, frame.exponents, box=frame.box)
+        self.shape = differentiate_monomials(q, frame.exponents, ball=frame.ball)
         value, first, _ = self.shape
         self.frame = self.eye + torch.einsum("bk,kij->bij", value, frame.coefficients)
         self.frame_by_q = torch.einsum("bkl,kij->bijl", first, frame.coefficients)

@@ -26,7 +26,7 @@ from lagsplat.array_types import Series
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.polynomials import evaluate_monomials, list_exponents
+from lagsplat.stage2.polynomials import enclose_states, evaluate_monomials, list_exponents, make_wide_ball
 
 BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
 # The numbers below were set by hand, with both simulated arms in view.
@@ -60,8 +60,8 @@ def fit_weak_form(
         ValueError: no segment is as long as a bump.
     """
     d, n_inputs = trajectory.latents.shape[1], trajectory.inputs.shape[1]
-    exponents = list_exponents(d, lowest=1, highest=form.potential_degree)
-    input_exponents = list_exponents(d, lowest=1, highest=form.input_degree)
+    exponents = list_exponents(d, lowest=1, highest=form.degrees.potential)
+    input_exponents = list_exponents(d, lowest=1, highest=form.degrees.inputs)
     static, inertia, viscous, q, u = _integrate(
         trajectory, exponents, input_exponents, half_width=half_width, time_unit_s=time_unit_s
     )
@@ -89,8 +89,8 @@ def fit_weak_form(
     two = 2.0 * torch.eye(d, dtype=torch.float64)
     none = torch.zeros(n_inputs, d, dtype=torch.float64)
     start = Coefficients(torch.from_numpy(mass), torch.from_numpy(damping), two, none, 0.0 * two[0])
-    box = torch.from_numpy(np.stack([trajectory.latents.min(axis=0), trajectory.latents.max(axis=0)]))
-    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed, box=box)
+    ball = enclose_states(torch.from_numpy(trajectory.latents))
+    lagrangian = Lagrangian(start, form=form, floors=floors, time_unit_s=time_unit_s, seed=seed, ball=ball)
     assert lagrangian.energy is not None
     with torch.no_grad():
         lagrangian.energy.coefficients.copy_(torch.from_numpy(elastic))
@@ -167,8 +167,7 @@ def _resample(trajectory: EncodedTrajectory, start: int, stop: int) -> tuple[Ser
 
 
 def _gradients(q: Series, exponents: torch.Tensor) -> Columns:
-    everywhere = torch.tensor([[-1e9], [1e9]], dtype=torch.float64).expand(2, q.shape[1])
-    return evaluate_monomials(torch.from_numpy(q), exponents, box=everywhere)[1].numpy()
+    return evaluate_monomials(torch.from_numpy(q), exponents, ball=make_wide_ball(q.shape[1]))[1].numpy()
 
 
 def _symmetric(x: Series) -> Columns:

@@ -18,7 +18,7 @@ UNIT = 0.25
 
 
 def lagrangian(d: int, n_u: int, **changes: object) -> Lagrangian:
-    made = random_lagrangian(d, n_u, 3, amount=0.05, **changes)
+    made = random_lagrangian(d, n_u, 3, amount=0.05, map_degree=2, **changes)
     made.time_unit_s.fill_(UNIT)
     return made
 

@@ -18,6 +18,7 @@ from lagsplat.io.files.atomic import write_text
 from lagsplat.stage2.numpy_lagrangian import (
     ConstantSpd,
     ConvexNet,
+    CoordinatesInArrays,
     NumpyLagrangian,
     PolynomialForces,
     PolynomialSpd,
@@ -142,6 +143,7 @@ def pack_law(law: NumpyLagrangian) -> dict[str, Any]:
         "mass": pack_spd_field(law.mass),
         "damping": pack_spd_field(law.damping),
         "energy": None if law.energy is None else _pack_energy(law.energy),
+        "coordinates": None if law.coordinates is None else _pack_map(law.coordinates),
     }
     return to_plain(packed)
 
@@ -206,7 +208,7 @@ def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
 def pack_spd_field(field: SpdField | ConstantSpd | PolynomialSpd) -> dict[str, Any]:
     """Pack a mass or damping matrix; ``net`` is None if it is constant, ``frame`` is one of polynomials."""
     if isinstance(field, PolynomialSpd):
-        frame = _pack_monomials(field.exponents, field.box) | {"coefficients": field.coefficients}
+        frame = _pack_monomials(field.exponents, field.ball) | {"coefficients": field.coefficients}
         return to_plain({"inner": field.inner, "floor": field.floor, "frame": frame})
     names = ("first", "firstBias", "second", "secondBias", "third")
     net = None if field.net is None else dict(zip(names, field.net, strict=True))
@@ -215,8 +217,8 @@ def pack_spd_field(field: SpdField | ConstantSpd | PolynomialSpd) -> dict[str, A
 
 def _pack_energy(energy: PolynomialForces) -> dict[str, Any]:
     return {
-        "elastic": _pack_monomials(energy.exponents, energy.box),
-        "pushed": _pack_monomials(energy.input_exponents, energy.box),
+        "elastic": _pack_monomials(energy.exponents, energy.ball),
+        "pushed": _pack_monomials(energy.input_exponents, energy.ball),
         "coefficients": energy.coefficients,
         "inputCoefficients": energy.input_coefficients,
         "farStiffness": energy.far_stiffness,
@@ -224,5 +226,11 @@ def _pack_energy(energy: PolynomialForces) -> dict[str, Any]:
     }
 
 
-def _pack_monomials(exponents: np.ndarray, box: np.ndarray) -> dict[str, Any]:
-    return {"exponents": exponents, "box": box, "room": ROOM}
+def _pack_map(coordinates: CoordinatesInArrays) -> dict[str, Any]:
+    return _pack_monomials(coordinates.exponents, coordinates.ball) | {
+        "coefficients": coordinates.coefficients
+    }
+
+
+def _pack_monomials(exponents: np.ndarray, ball: np.ndarray) -> dict[str, Any]:
+    return {"exponents": exponents, "ball": ball, "room": ROOM}

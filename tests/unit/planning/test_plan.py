@@ -101,7 +101,7 @@ def test_the_chosen_dynamics_and_image_model_are_in_the_runs() -> None:
 def test_the_paper_profile_has_five_seeds_and_its_ablations() -> None:
     runs = planned_runs(given(hydra="profile=paper"))
     assert {run.seed for run in runs} == {0, 1, 2, 3, 4}
-    assert {run.stage2 for run in runs} >= {"default", "constant_mass", "induced_mass"}
+    assert {run.stage2 for run in runs} >= {"networks", "constant_mass", "induced_mass"}
 
 
 def test_typos_for_one_system_stop_planning() -> None:

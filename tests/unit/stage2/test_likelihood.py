@@ -8,7 +8,7 @@ import torch
 from scipy.integrate import solve_ivp
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2 import fit
+from lagsplat.stage2 import likelihood_fit
 from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.fit import FitReport, fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.lagrangian import find_equilibria, linearize_modes
@@ -18,7 +18,7 @@ from tests.stage2_problems import form, random_lagrangian
 from tests.unit.stage2.test_fit import config
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S, NOISE = 1 / 60, 4.0, 1.2, 0.01
-POLYNOMIAL = form(terms="polynomial", potential_degree=4, input_degree=2, matrix_degree=1)
+POLYNOMIAL = form(terms="polynomial", potential_degree=4, input_degree=2, matrix_degree=1, map_degree=2)
 
 
 def push(time_s: np.ndarray | float) -> np.ndarray | float:
@@ -107,7 +107,7 @@ def test_what_forecasts_nothing_is_refused_and_so_is_a_clip_shorter_than_a_bump(
     noise = np.random.default_rng(1).standard_normal(motion.latents.shape)
     settings = config(form=replace(POLYNOMIAL, potential_degree=3), likelihood=LikelihoodConfig(400, 2, 1.3))
     # a law that only decays to the mean forecasts noise as well as the mean does, by chance a little better
-    monkeypatch.setattr(fit, "MEAN_STATE", 0.5)
+    monkeypatch.setattr(likelihood_fit, "MEAN_STATE", 0.5)
     with pytest.raises(ValueError, match=r"no polynomial law of degree 2 to 3 .* mean state"):
         fit_dynamics(replace(motion, latents=noise), np.eye(1), settings, 0, rest=np.zeros(1))
     short = EncodedTrajectory(motion.latents[:7], motion.inputs[:7], motion.time_s[:7], ((0, 7),))

@@ -10,9 +10,10 @@ from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.multiple_shooting import (
+    MAP,
+    Guard,
     MultipleShooting,
     ParameterVector,
-    StiffnessGuard,
     choose_stretches,
     cut_windows,
     solve_normal,
@@ -29,7 +30,7 @@ def trajectory(frames: int = 40) -> EncodedTrajectory:
 
 
 def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torch.Tensor]:
-    lagrangian = random_lagrangian(2, 1, 3, amount=0.05, terms="polynomial")
+    lagrangian = random_lagrangian(2, 1, 3, amount=0.05, terms="polynomial", map_degree=2)
     motion = trajectory()
     windows = cut_windows(motion, motion.segments, n=4, time_unit_s=0.1, longest_step=0.15)
     parameters = ParameterVector(lagrangian)
@@ -39,7 +40,7 @@ def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torc
         noise=np.full(2, 0.1),
         memory=np.array([0.0, 0.6]),
         coupling=np.full(4, coupling),
-        guard=StiffnessGuard(parameters, motion, seed=0),
+        guard=Guard(parameters, motion, seed=0),
     )
     starts = torch.from_numpy(np.concatenate([motion.latents, 0.0 * motion.latents], axis=1)[windows.frames])
     return shooting, shooting.parameters.read(), starts
@@ -81,11 +82,32 @@ def test_derivatives_are_those_of_the_rollout() -> None:
     torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_start[..., 3], rtol=1e-5, atol=1e-6)
 
 
-def test_a_guard_asks_for_a_stiffness_that_the_law_lacks() -> None:
+def test_latents_are_observed_and_differentiated_through_the_map() -> None:
+    shooting, theta, starts = problem()
+    parameters, x = shooting.parameters, starts[:, None, :2]
+    q = parameters.observe(theta, x)
+    torch.testing.assert_close(parameters.coordinates.evaluate(q[:, 0])[0], x[:, 0])
+    by_x, by_map = parameters.differentiate_observation(theta, q)
+    step, columns = 1e-6, parameters.find_columns(MAP)
+    away = torch.zeros_like(theta)
+    away[columns[1]] = step
+    ends = [parameters.observe(theta + sign * away, x) for sign in (1, -1)]
+    torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_map[..., 1], rtol=1e-5, atol=1e-7)
+    away = step * torch.tensor([0.0, 1.0]).double()
+    ends = [parameters.observe(theta, x + sign * away) for sign in (1, -1)]
+    torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_x[..., 1], rtol=1e-5, atol=1e-7)
+
+
+def test_a_guard_asks_for_a_stiffness_and_a_map_that_does_not_fold() -> None:
     shooting, theta, _ = problem()
     guard, (energy, _, _) = shooting.guard, shooting.parameters.terms
     assert guard is not None
-    assert torch.all(guard.measure(torch.zeros_like(theta))[0] > 2.0)
+    stiffness, stretch = guard.measure(torch.zeros_like(theta))[0].chunk(2)
+    assert torch.all(stiffness > 2.0)
+    assert not stretch.any()
+    folded = theta.clone()
+    folded[shooting.parameters.find_columns(MAP)] = -5.0
+    assert guard.measure(folded)[0].chunk(2)[1].any()
     with torch.no_grad():
         energy.set_quadratic(torch.eye(2).double(), torch.zeros(2).double(), torch.ones(1, 2).double())
     lacking, rows = guard.measure(shooting.parameters.read())
@@ -157,7 +179,7 @@ def test_the_evidence_tells_whether_the_motion_follows_the_law(kick: float) -> N
             memory=np.full(2, 0.7),
             coupling=np.full(4, coupling),
         )
-        fitted = shooting.fit(torch.cat(starts), iterations=4)
+        fitted = shooting.fit(torch.cat(starts), iterations=4, least_gain=0.1)
         evidence.append(shooting.measure_evidence(fitted))
     assert (evidence[0] > evidence[1] + 5.0) == (kick > 0.0)
     assert (evidence[1] > evidence[0] + 5.0) == (kick == 0.0)
@@ -168,7 +190,7 @@ def test_the_evidence_tells_whether_the_motion_follows_the_law(kick: float) -> N
 def test_a_fit_lowers_the_cost_and_a_divergence_is_none() -> None:
     shooting, theta, starts = problem()
     before = shooting.evaluate(theta, starts).cost
-    fit = shooting.fit(starts, iterations=3)
+    fit = shooting.fit(starts, iterations=3, least_gain=0.1)
     assert fit.cost < 0.5 * before
     assert 0 < fit.steps <= 3
     assert shooting.evaluate(theta, starts * 1e200).cost == float("inf")

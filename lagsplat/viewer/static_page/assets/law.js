@@ -113,26 +113,67 @@ class Field {
 
 const fieldOf = (data) => (data.frame ? new PolynomialField(data) : new Field(data));
 
-/** Monomials of the state that is clipped softly outside a box, as `polynomials.evaluate_monomials`. */
-class Monomials {
-  constructor({ exponents, box, room }) {
-    Object.assign(this, { exponents, box, room });
+/** The state that is clipped softly outside a ball, as `polynomials.SoftClip`. */
+class SoftClip {
+  constructor(q, ball, room) {
+    const radius = ball[q.length];
+    this.z = q.map((x, i) => x - ball[i]);
+    this.r = Math.max(Math.hypot(...this.z), radius);
+    const tanh = Math.tanh((this.r - radius) / (room * radius));
+    this.slope = 1 - tanh * tanh;
+    this.share = (radius * (1 + room * tanh)) / this.r;
+    this.first = (this.slope - this.share) / this.r;
+    this.second = ((-2 / (room * radius)) * tanh * this.slope - 2 * this.first) / this.r;
+    this.s = this.z.map((x, i) => ball[i] + this.share * x);
   }
-  /** The clipped state and its slope, coordinate by coordinate. */
+  /** Slope by the state of a function whose slope by the clipped state is known. */
+  pullBack(slope) {
+    const along = (this.first / this.r) * dot(slope, this.z);
+    return slope.map((x, i) => this.share * x + along * this.z[i]);
+  }
+  /** First and second derivatives along `q + t v`. */
+  move(v) {
+    const radial = dot(this.z, v) / this.r;
+    const change = this.first * radial;
+    const bend = this.second * radial ** 2 + (this.first * (dot(v, v) - radial ** 2)) / this.r;
+    return [v.map((x, i) => this.share * x + change * this.z[i]), v.map((x, i) => 2 * change * x + bend * this.z[i])];
+  }
+}
+
+/** Monomials of the clipped state, as `polynomials.evaluate_monomials`. */
+class Monomials {
+  constructor({ exponents, ball, room }) {
+    Object.assign(this, { exponents, ball, room });
+  }
   clip(q) {
-    const [low, high] = this.box;
-    const inside = q.map((x, i) => Math.min(Math.max(x, low[i]), high[i]));
-    const tanh = q.map((x, i) => Math.tanh((x - inside[i]) / (this.room * (high[i] - low[i]))));
-    const s = inside.map((x, i) => x + this.room * (high[i] - low[i]) * tanh[i]);
-    return [s, tanh.map((t) => 1 - t * t)];
+    return new SoftClip(q, this.ball, this.room);
   }
   /** Values, and a row of slopes for each. */
   at(q) {
-    const [s, first] = this.clip(q);
-    const power = (i, e) => (e > 0 ? s[i] ** e : 1);
+    const clip = this.clip(q);
+    const power = (i, e) => (e > 0 ? clip.s[i] ** e : 1);
     const product = (row, skip) => row.reduce((x, e, i) => (i === skip ? x : x * power(i, e)), 1);
-    const slope = (row, i) => (row[i] ? row[i] * power(i, row[i] - 1) * first[i] * product(row, i) : 0);
-    return [this.exponents.map((row) => product(row, -1)), this.exponents.map((row) => q.map((_, i) => slope(row, i)))];
+    const slope = (row, i) => (row[i] ? row[i] * power(i, row[i] - 1) * product(row, i) : 0);
+    const slopes = this.exponents.map((row) => clip.pullBack(q.map((_, i) => slope(row, i))));
+    return [this.exponents.map((row) => product(row, -1)), slopes];
+  }
+  /** First and second derivatives along `q + t v`. */
+  along(q, v) {
+    const clip = this.clip(q);
+    const [speed, bend] = clip.move(v);
+    const rows = this.exponents.map((row) =>
+      row.reduce(
+        ([value, once, twice], e, i) => {
+          const x = clip.s[i];
+          const byX = e > 0 ? e * x ** (e - 1) : 0;
+          const byXX = e > 1 ? e * (e - 1) * x ** (e - 2) : 0;
+          const [own, ownOnce, ownTwice] = [x ** e, byX * speed[i], byXX * speed[i] ** 2 + byX * bend[i]];
+          return [value * own, once * own + value * ownOnce, twice * own + 2 * once * ownOnce + value * ownTwice];
+        },
+        [1, 0, 0],
+      ),
+    );
+    return [rows.map((row) => row[1]), rows.map((row) => row[2])];
   }
 }
 
@@ -256,24 +297,66 @@ class Law {
   }
 }
 
+/** Coordinates `x = g(q)` of a law, as `polynomials.PolynomialMap`. */
+class PolynomialMap {
+  constructor(data) {
+    this.coefficients = data.coefficients;
+    this.monomials = new Monomials(data);
+  }
+  add(x, amounts) {
+    return amounts.reduce((sum, amount, k) => plus(sum, this.coefficients[k], amount), x);
+  }
+  /** `g` and its Jacobian matrix. */
+  at(q) {
+    const [values, slopes] = this.monomials.at(q);
+    const entry = (i, l) => slopes.reduce((x, row, k) => x + this.coefficients[k][i] * row[l], i === l ? 1 : 0);
+    return [this.add(q, values), inSquare(q.length, entry)];
+  }
+  /** First and second derivative of `g` along `q + t v`. */
+  along(q, v) {
+    const [first, second] = this.monomials.along(q, v);
+    return [this.add(v, first), this.add(v.map(() => 0), second)];
+  }
+}
+
 /** A law of polynomial energies, integrated by the Runge-Kutta method. */
 class PolynomialLaw extends Law {
   constructor(data) {
     super(data);
+    this.map = new PolynomialMap(data.coordinates);
     this.elastic = new Monomials(data.energy.elastic);
     this.pushed = new Monomials(data.energy.pushed);
   }
-  conservativeForce(q, u) {
+  conservativeForce(latents, u) {
     const { energy, edits } = this;
-    const [s, first] = this.elastic.clip(q);
-    let slope = q.map((x, i) => energy.farStiffness * (x - s[i]) * (1 - first[i]));
+    const [q, jacobian] = this.map.at(latents);
+    const clip = this.elastic.clip(q);
+    let slope = q.map((x, i) => energy.farStiffness * (x - clip.s[i]) * (1 - clip.slope));
     slope = plus(slope, applyTransposed(this.elastic.at(q)[1], energy.coefficients)).map((x) => x * edits.stiffness);
     if (u.length) slope = plus(slope, applyTransposed(this.pushed.at(q)[1], applyTransposed(energy.inputCoefficients, u)), -1);
-    return slope.map((x) => -x);
+    return applyTransposed(jacobian, slope).map((x) => -x);
   }
-  potential(q) {
+  acceleration(q, w, u, load) {
+    const [x, jacobian] = this.map.at(q);
+    const [speed, bending] = this.map.along(q, w);
+    const [mass, velocityForce] = this.massField.inertia(x, speed);
+    const damping = this.dampingField.product(x, speed);
+    const inner = plus(plus(velocityForce, damping, -this.edits.damping / this.edits.inertia), apply(mass, bending), -1);
+    const force = plus(applyTransposed(jacobian, inner), plus(this.conservativeForce(q, u), load), 1 / this.edits.inertia);
+    const columns = inSquare(q.length, (i, j) => jacobian[j][i]);
+    const carried = columns.map((column) => apply(mass, column));
+    return solve(inSquare(q.length, (i, j) => dot(columns[i], carried[j])), force);
+  }
+  kinetic(q, v) {
+    return super.kinetic(this.map.at(q)[0], this.map.along(q, v)[0]);
+  }
+  dissipatedPower(q, v) {
+    return super.dissipatedPower(this.map.at(q)[0], this.map.along(q, v)[0]);
+  }
+  potential(latents) {
     const { energy } = this;
-    const beyond = plus(q, this.elastic.clip(q)[0], -1);
+    const [q] = this.map.at(latents);
+    const beyond = plus(q, this.elastic.clip(q).s, -1);
     const value = 0.5 * energy.farStiffness * dot(beyond, beyond) + dot(this.elastic.at(q)[0], energy.coefficients);
     return this.edits.stiffness * (value - energy.atRest);
   }

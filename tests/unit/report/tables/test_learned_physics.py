@@ -198,14 +198,14 @@ def test_a_range_is_in_italics_where_the_recording_does_not_determine_the_number
 
 
 def test_recipes_stand_under_their_system_with_the_minutes_they_took():
-    recipes = [("default", "default"), ("default", "polynomial"), ("paper", "paper")]
+    recipes = [("default", "default"), ("default", "networks"), ("paper", "paper")]
     runs = [{**names(0, system="pendulum", stage2=two), "stage1": one} for one, two in recipes]
     metrics = [{**run(0.1), "training": {"wall_s": 60.0 * k}} for k in (2, 3, 90)]
     text = format_recipes_latex(build_rows(runs, metrics), titles={"pendulum": "Pendulum"})
     lines = [line for line in text.splitlines() if line.strip().endswith(r"\\")]
     assert [line.split("&")[0].replace(r"\quad", "").strip() for line in lines[-3:]] == [
         "default",
-        "polynomial",
+        "networks",
         "paper, paper",
     ]
     assert [line.split("&")[5].strip(" $") for line in lines[-3:]] == ["2", "3", "90"]

@@ -1,0 +1,287 @@
+"""Fits a law of polynomial terms: weak form, then maximum likelihood with terms that grow by their evidence.
+
+The start has the degrees with which the weak form forecasts best. A map into the coordinates of the law
+grows first: an encoder that bends the coordinates bends every term of the law alike. Then the energies grow,
+and the frame of mass and damping.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.config import Degrees, Stage2Config
+from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
+from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
+from lagsplat.stage2.weak_form import fit_weak_form
+
+# The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
+MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
+MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
+FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
+"""Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
+COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
+"""The same, until the motion follows the law alone."""
+LEAST_GAIN = 2.0  # of a Gauss-Newton step after which another is taken [nat]
+FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
+INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
+BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
+LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
+LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
+ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
+MOST_PIECES = 4  # of a frame
+AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the likelier law is kept
+MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A law, how well it forecasts and explains the recording, under which noise and coupling."""
+
+    law: Lagrangian
+    score: float
+    period_frames: int  # of its slowest oscillation
+    noise: Float64[np.ndarray, " d"]  # of encoded positions [whitened units]
+    memory: Float64[np.ndarray, " d"]  # its correlation from frame to frame
+    coupling: float = COUPLED_LEGS[0][1]
+    evidence: float = -math.inf  # [nat]
+    solved: tuple[MultipleShooting, WindowFit] | None = None  # None: of the weak form
+
+    def with_fitted_noise(self) -> "FittedLaw":
+        """Take what the law leaves of the encoded positions for their noise, under which evidence is open."""
+        if self.solved is None:
+            return self
+        fitted = self.solved[1]
+        noise = np.maximum(fitted.rms, LEAST_NOISE)
+        return replace(self, noise=noise, memory=fitted.memory, evidence=-math.inf)
+
+
+class LikelihoodFit:
+    """A fit of polynomial laws to one recording.
+
+    Args:
+        measured: the trajectory as encoded.
+        smooth: the same, smoothed, from which windows take their first states.
+        config: of stage 2.
+        time_unit_s: internal unit of time of the laws [s].
+        period_frames: a first guess of the slowest period.
+        seed: of laws, which have no random weights.
+        score: error of a law's forecasts, called with the stage, the law, the steps and the misfit.
+    """
+
+    def __init__(
+        self,
+        measured: EncodedTrajectory,
+        smooth: EncodedTrajectory,
+        config: Stage2Config,
+        *,
+        time_unit_s: float,
+        period_frames: int,
+        seed: int,
+        score: Callable[[str, Lagrangian, int, float], float],
+    ) -> None:
+        self.measured, self.smooth = measured, replace(smooth, inputs=measured.inputs)
+        self.settings, self.time_unit_s, self.seed, self.score = config.likelihood, time_unit_s, seed, score
+        self.period_frames = period_frames
+        # in several coordinates polynomials of high degree are free wherever the recording is thin
+        form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
+        self.most = Degrees(
+            most.potential if form.potential_degree is None else form.potential_degree,
+            form.input_degree if measured.inputs.shape[1] else 1,
+            most.coordinates if form.map_degree is None else form.map_degree,
+            most.matrices if form.matrix_degree is None else form.matrix_degree,
+        )
+        self.form = form.with_degrees(self.most)
+        self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
+
+    def choose_start(self) -> FittedLaw:
+        """The law of the weak form that forecasts best, of all degrees and bumps of several widths.
+
+        Raises:
+            ValueError: no segment is as long as a bump.
+        """
+        longest = max(stop - start for start, stop in self.measured.segments)
+        widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
+        fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
+        noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
+        starts = []
+        for degrees, width in product(self.ladder, fitting):
+            form = self.form.with_degrees(degrees)
+            law = fit_weak_form(
+                self.measured, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
+            )
+            period = self._set_time_scales(law)
+            score = self.score("start", law, width, float("nan"))
+            starts.append(FittedLaw(law, score, period, noise, np.zeros_like(noise)))
+        return min(starts, key=lambda start: start.score)
+
+    def maximize(self, start: FittedLaw) -> FittedLaw:
+        """Fit a law and let it grow; the last fit takes all frames.
+
+        Raises:
+            ValueError: no law forecasts the clip better than its mean state does.
+        """
+        climbed = self._climb(start)
+        legs = [leg for leg in COUPLED_LEGS if leg[1] <= climbed.coupling]
+        chosen = self._tighten(climbed.with_fitted_noise(), legs, part=1)
+        if not chosen.score < MEAN_STATE:
+            raise ValueError(
+                f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
+                f"better than its mean state (error {chosen.score:.3g} of its rms): the latents may be "
+                "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
+                "take stage2=networks"
+            )
+        return chosen
+
+    def _climb(self, start: FittedLaw) -> FittedLaw:
+        """Fit a start and let it grow."""
+        loose, safe = self._estimate_noise(start)
+        now = self._tighten(loose, COUPLED_LEGS, part=2)
+        if now is loose:
+            return safe
+        for degree in range(2, self.most.coordinates + 1):
+            now = self._grow(now, coordinates=degree)
+        for degrees in reversed(self.ladder[: self.ladder.index(start.law.form.degrees)]):
+            grown = self._grow(now, potential=degrees.potential, inputs=degrees.inputs)
+            if grown is now:
+                break
+            now = grown
+        for degree in range(1, self.most.matrices + 1):
+            now = self._grow(now, matrices=degree)
+        return now
+
+    def _estimate_noise(self, start: FittedLaw) -> tuple[FittedLaw, FittedLaw]:
+        """Fit loose windows, whose residuals become the noise; the law after them, and the best forecast."""
+        now = best = start
+        for share, coupling in FIRST_LEGS:
+            fitted = self._fit(now, share, coupling, part=4)
+            if fitted.solved is None or not fitted.solved[1].steps:
+                now = replace(best, noise=now.noise, memory=now.memory)
+                continue
+            now = fitted.with_fitted_noise()
+            best = min(best, now, key=lambda each: each.score)
+        loose = replace(now, solved=None, coupling=COUPLED_LEGS[0][1])
+        return replace(loose, score=best.score), replace(
+            best, noise=now.noise, memory=now.memory, solved=None, evidence=-math.inf
+        )
+
+    def _tighten(self, start: FittedLaw, legs: Sequence[tuple[float, float]], *, part: int) -> FittedLaw:
+        """Couple the windows ever closer, as long as the evidence allows it.
+
+        What the law does not explain is so taken for noise of the encoder, as long as it can be that.
+        Evidences are compared under the same noise and frames alone, one ``part`` in so many of all.
+        """
+        accepted = now = start
+        for share, coupling in legs:
+            now, before = self._fit(now, share, coupling, part=part), now.evidence
+            # a grown law may forecast well only once its windows are coupled closer than they like
+            least = start.evidence if accepted is start else before
+            if not now.evidence > least - INDIFFERENT or not _is_invertible(now.law):
+                break
+            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
+            # where the law fits
+            if now.score < AS_GOOD * start.score:
+                accepted = now
+        return accepted
+
+    def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
+        """The law with terms of higher ``degrees`` where the evidence for it is greater, or itself."""
+        higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
+        start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
+        grown = self._tighten(start, [leg for leg in COUPLED_LEGS if leg[1] <= law.coupling], part=2)
+        return law if grown is start else grown
+
+    def _fit(self, start: FittedLaw, share: float, coupling: float, *, part: int) -> FittedLaw:
+        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
+        frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
+        segments = choose_stretches(self.measured.segments, frames=frames)
+        n = round(share * self.settings.periods * start.period_frames)
+        longest = max(stop - begin for begin, stop in segments) - 1
+        law = copy.deepcopy(start.law)
+        self._set_time_scales(law)
+        problem, fitted = fit_windows(
+            law,
+            self.measured,
+            self.smooth,
+            segments,
+            n=int(np.clip(n, min(4, longest), longest)),
+            coupling=coupling,
+            noise=start.noise,
+            memory=start.memory,
+            iterations=self.settings.iterations,
+            least_gain=LEAST_GAIN,
+        )
+        evidence = -math.inf
+        if fitted.missed < MEAN_STATE:
+            with suppress(np.linalg.LinAlgError):  # a start that nothing determines
+                evidence = problem.measure_evidence(fitted)
+        score = self.score("likelihood", law, fitted.steps, fitted.cost)
+        return replace(
+            start,
+            law=law,
+            score=score,
+            coupling=coupling,
+            evidence=evidence,
+            solved=(problem, fitted),
+        )
+
+    def _set_time_scales(self, law: Lagrangian) -> int:
+        """Let the fastest mode decide how many steps divide a frame; frames of the slowest period."""
+        dt_s = self.measured.dt_s
+        modes = linearize_modes(law, torch.from_numpy(self.measured.inputs.mean(0)))
+        sizes = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * dt_s
+        pieces = math.ceil(max(sizes.max() / LARGEST_STEP, sizes.min() / ACCURATE_STEP))
+        law.longest_step = dt_s / self.time_unit_s / int(np.clip(pieces, 1, MOST_PIECES))
+        oscillating = [f for f in modes.frequency_hz if f > 0]
+        return max(4, round(1.0 / (min(oscillating) * dt_s))) if oscillating else self.period_frames
+
+
+def _is_invertible(law: Lagrangian) -> bool:
+    assert law.coordinates is not None
+    return law.coordinates.measure_least_stretch() > 0.0
+
+
+def grow_law(law: Lagrangian, degrees: Degrees, *, seed: int) -> Lagrangian:
+    """Make a polynomial law of higher degrees that is the same function as ``law``."""
+    eye = torch.eye(law.d, dtype=torch.float64)
+    grown = Lagrangian(
+        Coefficients(eye, eye, eye, eye.new_zeros(law.n_inputs, law.d), eye.new_zeros(law.d)),
+        form=law.form.with_degrees(degrees),
+        floors=law.floors,
+        time_unit_s=float(law.time_unit_s),
+        seed=seed,
+        longest_step=law.longest_step,
+    )
+    state = grown.state_dict()
+    for name, values in law.state_dict().items():
+        # polynomials are in the order of degrees
+        if name.startswith("energy.") and name.endswith("coefficients"):
+            state[name].zero_()[..., : values.shape[-1]] = values
+        elif name.endswith(("frame.coefficients", "coordinates.coefficients")):
+            state[name].zero_()[: len(values)] = values
+        else:
+            state[name] = values
+    grown.load_state_dict(state)
+    return grown
+
+
+def list_lower_degrees(degrees: Degrees) -> list[Degrees]:
+    """The degrees and lower ones down to a linear law, each one degree below the one before.
+
+    The degree of the inputs is lowered first, then that of the potential, and so on.
+    """
+    ladder = [degrees]
+    while (ladder[-1].potential, ladder[-1].inputs) != (2, 1):
+        potential, inputs = ladder[-1].potential, ladder[-1].inputs
+        if inputs > 1 and (inputs >= potential - 1 or potential == 2):
+            ladder.append(ladder[-1]._replace(inputs=inputs - 1))
+        else:
+            ladder.append(ladder[-1]._replace(potential=potential - 1))
+    return ladder
