@@ -17,7 +17,7 @@ from lagsplat.io.video.clips import find_clips
 from lagsplat.provenance import code_digest, modules_in, parse_source, sha256_hex
 
 MASSES = ("networks", "induced_mass", "constant_mass")  # learned, induced, constant
-"""Choices of ``conf/stage2`` that differ from the default in the form of the mass alone."""
+"""Choices of ``conf/stage2`` that differ from each other in the form of the mass alone."""
 RECIPES = (("default", "networks"), ("paper", "paper"), ("upstream", "upstream"))
 """Choices of ``conf/stage1`` and ``conf/stage2`` that are compared with the chosen ones."""
 

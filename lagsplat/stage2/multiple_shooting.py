@@ -38,7 +38,7 @@ from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step, take_run
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] in the coordinates of the law
 Paths = Float[Tensor, "K n s"]
 
-# The numbers below were set by hand, with the simulated arm of one segment and the rocker in view.
+# The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
 CHUNK = 512  # states whose derivatives are taken at once, which fit the cache
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9

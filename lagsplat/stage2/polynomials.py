@@ -19,6 +19,7 @@ from lagsplat.array_types import Inputs, Latents, Spd
 from lagsplat.stage2.networks import cholesky_solve, factor_positive
 
 NEWTON_STEPS, LONGEST_NEWTON_STEP, ARRIVED = 40, 0.5, 1e-12  # [-, whitened units, whitened units]
+# The numbers below were set by hand, with both simulated arms and the toy in view.
 ROOM = 0.25  # of the radius of the ball, by which the clipped state leaves it at most
 OUTSIDE = 1e-3  # share of the states outside the ball: outliers of the encoder
 CHECKED, REACH = 8192, 2.0  # points at which a map must be invertible, and how many radii off they are
@@ -290,7 +291,28 @@ class EnergySlopes(NamedTuple):
     pushed: Float[Tensor, "B m d"]
 
 
-class PolynomialMap(nn.Module):
+class PolynomialSum(nn.Module):
+    """Monomials with a vector or matrix of coefficients each, which start at zero.
+
+    Args:
+        ball: where ``s = q`` [whitened units].
+        shape: of the coefficients of a monomial; its last size is the number of coordinates.
+        lowest, highest: degrees of the monomials.
+    """
+
+    exponents: Tensor
+    ball: Tensor
+
+    def __init__(self, ball: Ball, shape: tuple[int, ...], *, lowest: int, highest: int) -> None:
+        super().__init__()
+        self.d = shape[-1]
+        self.register_buffer("ball", ball.clone())
+        exponents = list_exponents(self.d, lowest=lowest, highest=highest)
+        self.register_buffer("exponents", exponents, persistent=False)
+        self.coefficients = nn.Parameter(torch.zeros(len(exponents), *shape, dtype=torch.float64))
+
+
+class PolynomialMap(PolynomialSum):
     """``x = g(q) = q + sum_k m_k(s) c_k``, coordinates in which a law is simpler than in the latents.
 
     An encoder bends the mechanism's coordinates, and with them every term of its law alike. Monomials are of
@@ -305,16 +327,8 @@ class PolynomialMap(nn.Module):
         ball: where ``s = q`` [whitened units].
     """
 
-    exponents: Tensor
-    ball: Tensor
-
     def __init__(self, d: int, *, degree: int, ball: Ball) -> None:
-        super().__init__()
-        self.d = d
-        self.register_buffer("ball", ball.clone())
-        exponents = list_exponents(d, lowest=2, highest=degree)
-        self.register_buffer("exponents", exponents, persistent=False)
-        self.coefficients = nn.Parameter(torch.zeros(len(exponents), d, dtype=torch.float64))
+        super().__init__(ball, (d,), lowest=2, highest=degree)
 
     def evaluate(self, q: Latents) -> tuple[Latents, Float[Tensor, "B d d"]]:
         """``g`` and its Jacobian matrix."""
@@ -335,9 +349,8 @@ class PolynomialMap(nn.Module):
     @torch.no_grad()
     def measure_least_stretch(self) -> float:
         """Smallest singular value of the Jacobian at many states, negative where its determinant is."""
-        return float(
-            measure_stretch(self.evaluate(draw_states(self.ball, CHECKED, reach=REACH, seed=0))[1])[0].min()
-        )
+        _, jacobian = self.evaluate(draw_states(self.ball, CHECKED, reach=REACH, seed=0))
+        return float(measure_stretch(jacobian)[0].min())
 
     @torch.no_grad()
     def invert(self, x: Latents) -> Latents:
@@ -368,7 +381,7 @@ def measure_stretch(
     return sign * values[:, -1], sign[:, None, None] * outer
 
 
-class PolynomialFrame(nn.Module):
+class PolynomialFrame(PolynomialSum):
     """``J(q) = I + sum_k m_k(s) J_k``, the frame in which mass and damping of a law are constant.
 
     In coordinates that bend, constant matrices of the mechanism become ``J^T M_0 J`` and ``J^T C_0 J`` with
@@ -380,16 +393,8 @@ class PolynomialFrame(nn.Module):
         ball: where ``s = q`` [whitened units].
     """
 
-    exponents: Tensor
-    ball: Tensor
-
     def __init__(self, d: int, *, degree: int, ball: Ball) -> None:
-        super().__init__()
-        self.d = d
-        self.register_buffer("ball", ball.clone())
-        exponents = list_exponents(d, lowest=1, highest=degree)
-        self.register_buffer("exponents", exponents, persistent=False)
-        self.coefficients = nn.Parameter(torch.zeros(len(exponents), d, d, dtype=torch.float64))
+        super().__init__(ball, (d, d), lowest=1, highest=degree)
 
     def evaluate(self, q: Latents) -> tuple[Float[Tensor, "B d d"], Float[Tensor, "B d d d"]]:
         """``J`` and its derivatives by each coordinate, the last axis."""
