@@ -44,9 +44,9 @@ from lagsplat.stage2.rollout import (
     cut_shooting_targets,
     list_one_step_windows,
     list_starts,
-    rollout,
 )
 from lagsplat.stage2.uncertainty import draw_parameters
+from lagsplat.stage2.validation import ForecastErrors, draw_validation_task
 
 KIND = "dynamics"
 SCHEMA = 3
@@ -139,11 +139,11 @@ def fit_dynamics(
             time_unit_s=fit.time_unit_s,
             period_frames=fit.period_frames,
             seed=seed,
-            score=fit.score_law,
+            measure=fit.score_law,
         )
         start = likelihood.choose_start()
         chosen = likelihood.maximize(start)
-        report.scores |= {"start": start.score, "likelihood": chosen.score}
+        report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
         lagrangian, solved = chosen.law, chosen.solved
         lagrangian.settle()
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
@@ -275,40 +275,6 @@ def choose_time_unit(
     return float(np.sqrt(speed / change)) * k * trajectory.dt_s
 
 
-@dataclass(frozen=True)
-class ValidationTask:
-    """The rollouts that score a candidate, and the rms of the clip that normalises their error."""
-
-    shots: ShootingTargets
-    metric: Tensor
-    rms: float
-
-    def score(self, lagrangian: Lagrangian) -> float:
-        """Compute the rms rollout error over the rms of the clip; infinite if any rollout diverges."""
-        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
-        error = float(objective.square_norm(q - self.shots.targets, self.metric).mean().sqrt()) / self.rms
-        return error if np.isfinite(error) else float("inf")
-
-
-def draw_validation_task(
-    trajectory: EncodedTrajectory, metric: Tensor, *, starts: int, n_states: int
-) -> ValidationTask:
-    """Make a task of rollouts of ``n_states`` from ``starts`` frames spread evenly over the clip.
-
-    A horizon longer than every segment is cut to the longest one.
-
-    Source: paper, "Fitting the dynamics": models are selected on multi-step rollout error.
-    """
-    longest = max(b - a for a, b in trajectory.segments)
-    n_states = max(3, min(n_states, longest - 5))
-    at = list_starts(trajectory, before=2, after=max(n_states, 3))
-    at = at[np.unique(np.linspace(0, len(at) - 1, starts).astype(int))]
-    offset = torch.from_numpy(trajectory.latents - trajectory.latents.mean(0))
-    rms = float(objective.square_norm(offset, metric).mean().sqrt())
-    targets = cut_shooting_targets(trajectory, at, n_states=n_states, time_unit_s=1.0)
-    return ValidationTask(targets, metric, rms)
-
-
 @dataclass
 class BestCheckpoint:
     """The parameters of the best candidate so far and the number of rejected ones."""
@@ -370,15 +336,15 @@ class DynamicsFit:
 
     def score_candidate(self, stage: str, step: int, loss: float) -> None:
         """Score the law as it is, keep it if it is the best, and add it to the training curve."""
-        self.best.consider(self.lagrangian, self.score_law(stage, self.lagrangian, step, loss))
+        self.best.consider(self.lagrangian, self.score_law(stage, self.lagrangian, step, loss).score)
 
-    def score_law(self, stage: str, law: Lagrangian, step: int, loss: float) -> float:
+    def score_law(self, stage: str, law: Lagrangian, step: int, loss: float) -> ForecastErrors:
         """Score a law and add it to the training curve."""
-        score = self.validation.score(law)
-        row = CurveRow(stage, step, loss, score, time.perf_counter() - self.started_s)
+        errors = self.validation.measure(law)
+        row = CurveRow(stage, step, loss, errors.score, time.perf_counter() - self.started_s)
         self.report.curve.append(row)
         self.on_candidate(row)
-        return score
+        return errors
 
     def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
         """Make the Lagrangian, with fitted or isotropic constant parts and networks that are zero."""

@@ -20,6 +20,7 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
+from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
@@ -37,7 +38,6 @@ LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
 ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
-AS_GOOD = 1.5  # ratio of two scores, which vary by a tenth, up to which the likelier law is kept
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -46,7 +46,7 @@ class FittedLaw:
     """A law, how well it forecasts and explains the recording, under which noise and coupling."""
 
     law: Lagrangian
-    score: float
+    errors: ForecastErrors  # over the training clip
     period_frames: int  # of its slowest oscillation
     noise: Float64[np.ndarray, " d"]  # of encoded positions [whitened units]
     memory: Float64[np.ndarray, " d"]  # its correlation from frame to frame
@@ -73,7 +73,7 @@ class LikelihoodFit:
         time_unit_s: internal unit of time of the laws [s].
         period_frames: a first guess of the slowest period.
         seed: of laws, which have no random weights.
-        score: error of a law's forecasts, called with the stage, the law, the steps and the misfit.
+        measure: errors of a law's forecasts, called with the stage, the law, the steps and the misfit.
     """
 
     def __init__(
@@ -85,10 +85,15 @@ class LikelihoodFit:
         time_unit_s: float,
         period_frames: int,
         seed: int,
-        score: Callable[[str, Lagrangian, int, float], float],
+        measure: Callable[[str, Lagrangian, int, float], ForecastErrors],
     ) -> None:
         self.measured, self.smooth = measured, replace(smooth, inputs=measured.inputs)
-        self.settings, self.time_unit_s, self.seed, self.score = config.likelihood, time_unit_s, seed, score
+        self.settings, self.time_unit_s, self.seed, self.measure = (
+            config.likelihood,
+            time_unit_s,
+            seed,
+            measure,
+        )
         self.period_frames = period_frames
         # in several coordinates polynomials of high degree are free wherever the recording is thin
         form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
@@ -118,9 +123,9 @@ class LikelihoodFit:
                 self.measured, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
             )
             period = self._set_time_scales(law)
-            score = self.score("start", law, width, float("nan"))
-            starts.append(FittedLaw(law, score, period, noise, np.zeros_like(noise)))
-        return min(starts, key=lambda start: start.score)
+            errors = self.measure("start", law, width, float("nan"))
+            starts.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise)))
+        return min(starts, key=lambda start: start.errors.score)
 
     def maximize(self, start: FittedLaw) -> FittedLaw:
         """Fit a law and let it grow; the last fit takes all frames.
@@ -131,12 +136,12 @@ class LikelihoodFit:
         climbed = self._climb(start)
         legs = [leg for leg in COUPLED_LEGS if leg[1] <= climbed.coupling]
         chosen = self._tighten(climbed.with_fitted_noise(), legs, part=1)
-        if not chosen.score < MEAN_STATE:
+        if not chosen.errors.score < MEAN_STATE:
             raise ValueError(
                 f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
-                f"better than its mean state (error {chosen.score:.3g} of its rms): the latents may be "
-                "too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, or "
-                "take stage2=networks"
+                f"better than its mean state (error {chosen.errors.score:.3g} of its rms): the latents may "
+                "be too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, "
+                "or take stage2=networks"
             )
         return chosen
 
@@ -166,9 +171,9 @@ class LikelihoodFit:
                 now = replace(best, noise=now.noise, memory=now.memory)
                 continue
             now = fitted.with_fitted_noise()
-            best = min(best, now, key=lambda each: each.score)
+            best = min(best, now, key=lambda each: each.errors.score)
         loose = replace(now, solved=None, coupling=COUPLED_LEGS[0][1])
-        return replace(loose, score=best.score), replace(
+        return replace(loose, errors=best.errors), replace(
             best, noise=now.noise, memory=now.memory, solved=None, evidence=-math.inf
         )
 
@@ -185,9 +190,7 @@ class LikelihoodFit:
             least = start.evidence if accepted is start else before
             if not now.evidence > least - INDIFFERENT or not _is_invertible(now.law):
                 break
-            # a rollout's score is noisy, since it starts from one encoded state; the likelihood is sharper,
-            # where the law fits
-            if now.score < AS_GOOD * start.score:
+            if not now.errors.is_worse_than(start.errors):
                 accepted = now
         return accepted
 
@@ -222,11 +225,11 @@ class LikelihoodFit:
         if fitted.missed < MEAN_STATE:
             with suppress(np.linalg.LinAlgError):  # a start that nothing determines
                 evidence = problem.measure_evidence(fitted)
-        score = self.score("likelihood", law, fitted.steps, fitted.cost)
+        errors = self.measure("likelihood", law, fitted.steps, fitted.cost)
         return replace(
             start,
             law=law,
-            score=score,
+            errors=errors,
             coupling=coupling,
             evidence=evidence,
             solved=(problem, fitted),

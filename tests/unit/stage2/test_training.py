@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.fit import SHORTENED, BestCheckpoint, StepRollback, draw_validation_task
+from lagsplat.stage2.fit import SHORTENED, BestCheckpoint, StepRollback
 from lagsplat.stage2.rollout import rollout
+from lagsplat.stage2.validation import ForecastErrors, draw_validation_task
 from tests.stage2_problems import random_lagrangian
 
 
@@ -56,16 +57,43 @@ def test_the_true_dynamics_scores_near_zero_and_a_diverging_one_infinite() -> No
     path, _ = rollout(lagrangian, q, 0 * q, torch.zeros(1, 300, 0, dtype=torch.float64), dt_s=dt)
     trajectory = EncodedTrajectory(path[0].numpy(), np.zeros((300, 0)), dt * np.arange(300), ((0, 300),))
     validation = draw_validation_task(trajectory, torch.eye(1, dtype=torch.float64), starts=5, n_states=1000)
-    score = validation.score(lagrangian)
+    score = validation.measure(lagrangian).score
     assert score < 0.02
     best = BestCheckpoint()
     best.consider(lagrangian, score)
     kept = lagrangian.rest.detach().clone()
     with torch.no_grad():
         lagrangian.rest.fill_(torch.nan)
-    worse = validation.score(lagrangian)
+    worse = validation.measure(lagrangian).score
     assert worse == float("inf")
     best.consider(lagrangian, worse)
     assert best.rejected == 1
     best.restore(lagrangian)
     assert torch.equal(lagrangian.rest.detach(), kept)
+
+
+def test_a_law_is_worse_only_by_more_than_chance_and_more_than_a_tenth() -> None:
+    rng = np.random.default_rng(0)
+    errors = ForecastErrors(np.exp(rng.standard_normal(60)), 20)
+    larger = errors.each * np.exp(0.1 * rng.standard_normal(60))
+    assert ForecastErrors(1.5 * larger, 20).is_worse_than(errors)
+    assert not errors.is_worse_than(ForecastErrors(1.5 * larger, 20))
+    assert not ForecastErrors(1.1 * larger, 20).is_worse_than(errors)  # in rms by less than a tenth
+    # one window of twenty makes the mean larger, and says nothing of the others
+    single = errors.each * np.where(np.arange(60) < 3, 30.0, 0.99)
+    assert ForecastErrors(single, 20).score > 1.4 * errors.score
+    assert not ForecastErrors(single, 20).is_worse_than(errors)
+
+
+def test_a_law_that_diverges_once_is_worse() -> None:
+    errors = ForecastErrors(np.ones(8), 8)
+    assert ForecastErrors(np.array([*errors.each[1:], np.inf]), 8).is_worse_than(errors)
+    assert not errors.is_worse_than(ForecastErrors(np.array([*errors.each[1:], np.inf]), 8))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_equally_good_laws_are_rarely_called_different(seed) -> None:
+    rng = np.random.default_rng(seed)
+    pairs = rng.standard_normal((200, 2, 20))
+    called = [ForecastErrors(np.exp(a), 20).is_worse_than(ForecastErrors(np.exp(b), 20)) for a, b in pairs]
+    assert np.mean(called) < 0.1
