@@ -212,13 +212,28 @@ class Lagrangian(nn.Module):
 
     def move_ball(self, latents: Latents) -> None:
         """Let the polynomials in the coordinates of the law be free where the map takes ``latents`` to."""
-        assert self.energy is not None
+        energy, mass, _ = self.polynomials
         assert self.coordinates is not None
-        assert isinstance(self.mass_term, PolynomialField)
         with torch.no_grad():
             ball = enclose_states(self.coordinates.evaluate(latents)[0])
-            self.energy.ball.copy_(ball)
-            self.mass_term.frame.ball.copy_(ball)
+            energy.ball.copy_(ball)
+            mass.frame.ball.copy_(ball)
+
+    @property
+    def polynomials(self) -> tuple[PolynomialEnergy, PolynomialField, PolynomialField]:
+        """Energy, mass and damping of a polynomial law, in its coordinates.
+
+        Raises:
+            TypeError: the law has other terms.
+        """
+        energy, mass, damping = self.energy, self.mass_term, self.damping_term
+        if (
+            energy is None
+            or not isinstance(mass, PolynomialField)
+            or not isinstance(damping, PolynomialField)
+        ):
+            raise TypeError("the terms of the law are no polynomials")
+        return energy, mass, damping
 
     @property
     def integrator(self) -> str:
@@ -399,9 +414,9 @@ def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> l
     q = draw_states(energy.ball, EQUILIBRIUM_STARTS, reach=1.0 + ROOM, seed=0).repeat(len(inputs), 1)
     u = inputs.repeat_interleave(EQUILIBRIUM_STARTS, 0)
     for _ in range(EQUILIBRIUM_STEPS):
-        at = energy.differentiate(q, u)
-        values, vectors = torch.linalg.eigh(at.stiffness)
-        along = (vectors.mT @ at.slope[:, :, None])[:, :, 0] / values.abs().clamp(min=1e-6)
+        slope, stiffness = energy.differentiate(q, u)
+        values, vectors = torch.linalg.eigh(stiffness)
+        along = (vectors.mT @ slope[:, :, None])[:, :, 0] / values.abs().clamp(min=1e-6)
         step = (vectors @ along[:, :, None])[:, :, 0]
         q = q - step * (LONGEST_NEWTON_STEP / step.norm(dim=1, keepdim=True).clamp(min=LONGEST_NEWTON_STEP))
     settled = (step.norm(dim=1) < 0.1 * SAME_EQUILIBRIUM) & (values[:, 0] > 0.0)

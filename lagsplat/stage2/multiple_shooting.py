@@ -22,25 +22,23 @@ from jaxtyping import Bool, Float, Float64, Int
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.polynomials import (
     REACH,
-    ForceBalance,
-    PolynomialField,
     differentiate_monomials,
     draw_states,
     evaluate_monomials,
+    list_law_arrays,
     measure_stretch,
 )
 from lagsplat.stage2.rollout import interpolate_inputs, split_inputs
-from lagsplat.stage2.runge_kutta import differentiate_runge_kutta_step, take_runge_kutta_step
 
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] in the coordinates of the law
 Paths = Float[Tensor, "K n s"]
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
-CHUNK = 512  # states whose derivatives are taken at once, which fit the cache
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS = 10  # of a step, each ten times as damped
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
@@ -54,6 +52,13 @@ LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
 LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
 MAP = "coordinates.coefficients"
+KERNEL_ORDER = (
+    "mass_term.factor",
+    "mass_term.frame.coefficients",
+    "damping_term.factor",
+    "energy.coefficients",
+    "energy.input_coefficients",
+)
 
 
 @dataclass(frozen=True)
@@ -131,14 +136,11 @@ class ParameterVector:
     """The free parameters of a polynomial law as one vector, and rollouts as a function of it."""
 
     def __init__(self, lagrangian: Lagrangian) -> None:
-        energy, mass, damping = lagrangian.energy, lagrangian.mass_term, lagrangian.damping_term
-        assert energy is not None
         assert lagrangian.coordinates is not None
-        assert isinstance(mass, PolynomialField)
-        assert isinstance(damping, PolynomialField)
-        self.lagrangian, self.terms = lagrangian, (energy, mass, damping)
+        self.lagrangian, self.terms = lagrangian, lagrangian.polynomials
         self.coordinates = lagrangian.coordinates
         self.parts = {name: p for name, p in lagrangian.named_parameters() if p.requires_grad}
+        assert tuple(self.parts) == (MAP, *KERNEL_ORDER)
 
     def read(self) -> Float[Tensor, " p"]:
         """The parameters as they are."""
@@ -195,21 +197,11 @@ class ParameterVector:
     def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
         """States of all windows, the start included; leaves the law at ``theta``."""
         self.write(theta)
-        (energy, mass, damping), d = self.terms, self.lagrangian.d
-
-        def rate(state: States, u: Float[Tensor, "K n_u"]) -> States:
-            x, w = state[:, :d], state[:, d:]
-            force = -energy.slope(x, u) - damping.product(x, w)
-            return torch.cat([w, mass.accelerate(x, w, force)], 1)
-
-        path, pieces = [starts], windows.inputs.shape[2] // 2
-        for i in range(windows.n):
-            state, step = path[-1], windows.steps[:, i, None] / pieces
-            for j in range(pieces):
-                start, middle, end = windows.inputs[:, i, 2 * j : 2 * j + 3].unbind(1)
-                state = take_runge_kutta_step(rate, state, step, (start, middle, end))
-            path.append(state)
-        return torch.stack(path, 1)
+        return torch.from_numpy(
+            polynomial_kernels.roll_out(
+                list_law_arrays(*self.terms), starts.numpy(), windows.inputs.numpy(), windows.steps.numpy()
+            )
+        )
 
     @torch.no_grad()
     def observe(self, theta: Float[Tensor, " p"], x: Float[Tensor, "K n d"]) -> Float[Tensor, "K n d"]:
@@ -232,55 +224,13 @@ class ParameterVector:
     @torch.no_grad()
     def differentiate(
         self, theta: Float[Tensor, " p"], path: Paths, windows: Windows
-    ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s p"]]:
-        """Derivatives of every state by the start of its window and by the parameters."""
+    ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s k"]]:
+        """Derivatives of every state by the start of its window and by all parameters but the map's."""
         self.write(theta)
-        k, n, s = path.shape
-        states, u = path[:, :-1].reshape(-1, s), windows.inputs.flatten(0, 1)
-        steps = windows.steps.reshape(-1, 1)
-        parts = [
-            self._differentiate_frames(states[i : i + CHUNK], u[i : i + CHUNK], steps[i : i + CHUNK])
-            for i in range(0, len(states), CHUNK)
-        ]
-        by_state = torch.cat([part[0] for part in parts]).view(k, n - 1, s, s)
-        by_theta = torch.cat([part[1] for part in parts]).view(k, n - 1, s, -1)
-        start = torch.eye(s, dtype=path.dtype).expand(k, s, s)
-        transition, sensitivity = [start], [path.new_zeros(k, s, by_theta.shape[3])]
-        for i in range(n - 1):
-            transition.append(by_state[:, i] @ transition[-1])
-            sensitivity.append(by_state[:, i] @ sensitivity[-1] + by_theta[:, i])
-        return torch.stack(transition, 1), torch.stack(sensitivity, 1)
-
-    def _differentiate_frames(
-        self, x: States, u: Float[Tensor, "K nodes n_u"], step: Float[Tensor, "K 1"]
-    ) -> tuple[Float[Tensor, "K s s"], Float[Tensor, "K s p"]]:
-        """Derivatives of the state a frame later by the state ``x`` and by the parameters."""
-        batch, s = x.shape
-        d, pieces = s // 2, u.shape[1] // 2
-        by_state, by_theta, h = (
-            torch.eye(s, dtype=x.dtype).expand(batch, s, s),
-            x.new_zeros(batch, s, 1),
-            step / pieces,
+        transition, sensitivity = polynomial_kernels.differentiate_path(
+            list_law_arrays(*self.terms), path.numpy(), windows.inputs.numpy(), windows.steps.numpy()
         )
-        top = torch.eye(s, dtype=x.dtype)[d:].expand(batch, d, s)
-        for i in range(pieces):
-            rates: list[Tensor] = []
-            slopes, inverses, rows = [], [], []
-            for node, reach in ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0)):
-                state = x + reach * h * rates[-1] if rates else x
-                balance = ForceBalance(*self.terms, state, u[:, 2 * i + node])
-                rates.append(torch.cat([state[:, d:], balance.acceleration], 1))
-                slopes.append(torch.cat([top, torch.cat(balance.differentiate_by_state(), 2)], 1))
-                inverses.append(-balance.inverse_mass)
-                blocks = balance.differentiate_by_parameters()
-                blocks[MAP] = x.new_zeros(batch, d, self.parts[MAP].numel())  # latents alone depend on it
-                rows.append(torch.cat([blocks[name] for name in self.parts], 2))
-            by_start, by_rate = differentiate_runge_kutta_step(slopes, h[:, :, None])
-            weights = [rate[:, :, d:] @ inverse for rate, inverse in zip(by_rate, inverses, strict=True)]
-            by_theta = by_start @ by_theta + torch.cat(weights, 2) @ torch.cat(rows, 1)
-            by_state = by_start @ by_state
-            x = x + h / 6.0 * (rates[0] + 2.0 * rates[1] + 2.0 * rates[2] + rates[3])
-        return by_state, by_theta
+        return torch.from_numpy(transition), torch.from_numpy(sensitivity)
 
     def _split(self, theta: Tensor) -> dict[str, Tensor]:
         pieces = theta.split([p.numel() for p in self.parts.values()])
@@ -473,14 +423,15 @@ class MultipleShooting:
         inverse_jacobian, by_map = self.parameters.differentiate_observation(theta, now.latents)
         k, d, before = len(now.path), len(self.noise), self.before
         by_state = inverse_jacobian @ transition[:, :-1, :d]
-        by_law = inverse_jacobian @ sensitivity[:, :-1, :d]
-        by_law[..., self.parameters.find_columns(MAP)] += by_map
+        # the map, whose coefficients are the first parameters, changes what is seen alone
+        by_law = torch.cat([by_map, inverse_jacobian @ sensitivity[:, :-1, :d]], 3)
         inverse = (1.0 / self.coupling)[:, None]
+        along = -inverse * sensitivity[before, -1]
         return Slopes(
             self._whiten(by_state).reshape(k, -1, 2 * d).numpy(),
             self._whiten(by_law).reshape(k, -1, len(theta)).numpy(),
             (-inverse * transition[before, -1]).numpy(),
-            (-inverse * sensitivity[before, -1]).numpy(),
+            torch.cat([by_map.new_zeros(len(before), 2 * d, by_map.shape[3]), along], 2).numpy(),
         )
 
     def assemble(self, theta: Float[Tensor, " p"], now: Residuals, slopes: "Slopes") -> NormalEquations:

@@ -9,13 +9,14 @@ coordinates.
 
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
-from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from lagsplat.array_types import Inputs, Latents, Spd
+from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.networks import cholesky_solve, factor_positive
 
 NEWTON_STEPS, LONGEST_NEWTON_STEP, ARRIVED = 40, 0.5, 1e-12  # [-, whitened units, whitened units]
@@ -266,8 +267,8 @@ class PolynomialEnergy(nn.Module):
             slope = slope - torch.einsum("bk,bkd->bd", u @ self.input_coefficients, gradient)
         return slope
 
-    def differentiate(self, q: Latents, u: Inputs) -> "EnergySlopes":
-        """Slope and stiffness of ``U``, and the slopes of its monomials."""
+    def differentiate(self, q: Latents, u: Inputs) -> tuple[Latents, Float[Tensor, "B d d"]]:
+        """Slope and stiffness of ``U``."""
         _, elastic, elastic_bend = differentiate_monomials(q, self.exponents, ball=self.ball)
         _, pushed, pushed_bend = differentiate_monomials(q, self.input_exponents, ball=self.ball)
         loads, clip = u @ self.input_coefficients, SoftClip(q, self.ball)
@@ -279,16 +280,7 @@ class PolynomialEnergy(nn.Module):
             slope = slope + share * clip.z
             far = torch.diag_embed(share.expand_as(q))
             stiffness = stiffness + far + growth[:, :, None] * clip.z[:, :, None] * clip.z[:, None]
-        return EnergySlopes(slope, stiffness, elastic, pushed)
-
-
-class EnergySlopes(NamedTuple):
-    """Slope and stiffness of a `PolynomialEnergy` at some states, and slopes of its monomials."""
-
-    slope: Latents
-    stiffness: Float[Tensor, "B d d"]
-    elastic: Float[Tensor, "B k d"]
-    pushed: Float[Tensor, "B m d"]
+        return slope, stiffness
 
 
 class PolynomialSum(nn.Module):
@@ -360,7 +352,7 @@ class PolynomialMap(PolynomialSum):
             return q
         for _ in range(NEWTON_STEPS):
             image, jacobian = self.evaluate(q)
-            missed = x - image
+            missed = (x - image).nan_to_num()
             if not float(missed.abs().max()) > ARRIVED:
                 break
             step = torch.linalg.solve_ex(jacobian, missed[:, :, None])[0][:, :, 0]
@@ -441,99 +433,32 @@ class PolynomialField(nn.Module):
         return cholesky_solve(matrix, force - change[:, :, 0])
 
 
-class ForceBalance:
-    """Balance of forces of a polynomial law at some states, with its derivatives in closed form.
-
-    With ``w = J v``, ``A_il = sum_j dJ_ij/dq_l v_j`` and ``e = J a + A v`` it is
-    ``J^T (M_0 e + C_0 w) + floors - (A - dJ/dt)^T M_0 w + grad U = 0``. Automatic differentiation takes
-    seven times as long.
-
-    Args:
-        energy, mass, damping: terms of the law.
-        state: positions and velocities (B, 2 d).
-        u: inputs (B, n_u).
-    """
-
-    def __init__(
-        self,
-        energy: PolynomialEnergy,
-        mass: PolynomialField,
-        damping: PolynomialField,
-        state: Float[Tensor, "B s"],
-        u: Inputs,
-    ) -> None:
-        self.mass, self.damping, self.u = mass, damping, u
-        d, frame = mass.frame.d, mass.frame
-        q, self.v = state[:, :d], state[:, d:]
-        self.eye = torch.eye(d, dtype=q.dtype)
-        self.energy = energy.differentiate(q, u)
-        self.shape = differentiate_monomials(q, frame.exponents, ball=frame.ball)
-        value, first, _ = self.shape
-        self.frame = self.eye + torch.einsum("bk,kij->bij", value, frame.coefficients)
-        self.frame_by_q = torch.einsum("bkl,kij->bijl", first, frame.coefficients)
-        inertia, viscosity = mass.inner(), damping.inner()
-        self.moved = torch.einsum("bijl,bj->bil", self.frame_by_q, self.v)  # A
-        self.rate = torch.einsum("bijl,bl->bij", self.frame_by_q, self.v)  # dJ/dt
-        self.turning = self.moved - self.rate
-        self.w = torch.einsum("bij,bj->bi", self.frame, self.v)
-        self.z = self.w @ inertia
-        self.carried, self.turned = self.frame.mT @ inertia, self.turning.mT @ inertia
-        self.resisted = self.frame.mT @ viscosity
-        self.inverse_mass = torch.linalg.inv(self.carried @ self.frame + mass.floor * self.eye)
-        bent = torch.einsum("bil,bl->bi", self.moved, self.v)
-        viscous = torch.einsum("bli,bi->bl", self.resisted - self.turned, self.w) + damping.floor * self.v
-        inertial = torch.einsum("bli,bi->bl", self.carried, bent)
-        self.acceleration = (self.inverse_mass @ (-self.energy.slope - viscous - inertial)[:, :, None])[
-            :, :, 0
-        ]
-        self.e = torch.einsum("bij,bj->bi", self.frame, self.acceleration) + bent
-        self.force = self.e @ inertia + self.w @ viscosity
-
-    def differentiate_by_state(self) -> tuple[Float[Tensor, "B d d"], Float[Tensor, "B d d"]]:
-        """Derivatives of the acceleration by position and by velocity."""
-        v, z, shapes = self.v, self.z, self.mass.frame.coefficients
-        second, drag = self.shape[2], self.resisted - self.turned
-        by_v = self.carried @ (self.rate + self.moved) + drag @ self.frame + self.damping.floor * self.eye
-        by_v = by_v - torch.einsum("bi,bipl->blp", z, self.frame_by_q - self.frame_by_q.mT)
-        spread = torch.einsum("kij,bj->bki", shapes, v)
-        swept = torch.einsum("bklp,bl->bkp", second, v)  # of dm_k/dt
-        e_by_q = torch.einsum("bijp,bj->bip", self.frame_by_q, self.acceleration)
-        e_by_q = e_by_q + torch.einsum("bki,bkp->bip", spread, swept)
-        by_q = self.carried @ e_by_q + drag @ self.moved + self.energy.stiffness
-        by_q = by_q + torch.einsum("bilp,bi->blp", self.frame_by_q, self.force)
-        by_q = by_q - torch.einsum("bki,bi,bklp->blp", spread, z, second)
-        by_q = by_q + torch.einsum("kil,bi,bkp->blp", shapes, z, swept)
-        return -self.inverse_mass @ by_q, -self.inverse_mass @ by_v
-
-    def differentiate_by_parameters(self) -> dict[str, Float[Tensor, "B d _"]]:
-        """Derivatives of ``M a`` less all forces, at a fixed ``a``, by each parameter of the law.
-
-        The acceleration changes by ``-inverse_mass`` times them. Keys are names in
-        `lagsplat.stage2.lagrangian.Lagrangian`.
-        """
-        (value, first, _), a, v, w, z = self.shape, self.acceleration, self.v, self.w, self.z
-        heavy, light = torch.tril(self.mass.factor), torch.tril(self.damping.factor)
-
-        def vary_factor(factor: Tensor, side: Tensor, x: Latents) -> Float[Tensor, "B d d d"]:
-            """Derivatives of ``side^T L L^T x`` by ``L``."""
-            by_inner = torch.einsum("bal,bc->blac", side, x @ factor)
-            return by_inner + torch.einsum("blc,ba->blac", side.mT @ factor, x)
-
-        by_mass = vary_factor(heavy, self.frame, self.e) - vary_factor(heavy, self.turning, w)
-        by_damping = vary_factor(light, self.frame, w)
-        swift = torch.einsum("bkl,bl->bk", first, v)[:, :, None]  # dm_k/dt
-        moved = value[:, :, None] * a[:, None] + swift * v[:, None]
-        by_frame = torch.einsum("bli,bkj->blkij", self.carried, moved)
-        by_frame = by_frame + torch.einsum("bli,bk,bj->blkij", self.resisted - self.turned, value, v)
-        by_frame = by_frame - torch.einsum("bj,bkl,bi->blkij", v, first, z)
-        own = value[:, :, None] * self.force[:, None] + swift * z[:, None]
-        by_frame = by_frame + torch.einsum("lj,bki->blkij", self.eye, own)
-        by_input = -torch.einsum("bc,bkl->blck", self.u, self.energy.pushed)
-        inside = torch.tril(torch.ones_like(self.eye))
-        return {
-            "energy.coefficients": self.energy.elastic.mT,
-            "energy.input_coefficients": by_input.flatten(2),
-            "mass_term.factor": (by_mass * inside).flatten(2),
-            "damping_term.factor": (by_damping * inside).flatten(2),
-            "mass_term.frame.coefficients": by_frame.flatten(2),
-        }
+def list_law_arrays(
+    energy: PolynomialEnergy, mass: PolynomialField, damping: PolynomialField
+) -> polynomial_kernels.LawArrays:
+    """A law as it is, in its own coordinates, for `lagsplat.stage2.polynomial_kernels`."""
+    frame = mass.frame
+    # each list of monomials is the beginning of the longest one
+    longest = max(energy.exponents, energy.input_exponents, frame.exponents, key=len)
+    parents, variables = polynomial_kernels.list_parents(longest.numpy())
+    elastic, pushed = (p.detach().numpy() for p in (energy.coefficients, energy.input_coefficients))
+    potential, volumes = np.zeros(len(parents)), np.zeros((len(pushed), len(parents)))
+    potential[1 : 1 + len(elastic)] = elastic
+    volumes[:, 1 : 1 + pushed.shape[1]] = pushed
+    return polynomial_kernels.LawArrays(
+        parents,
+        variables,
+        energy.ball[:-1].numpy(),
+        float(energy.ball[-1]),
+        ROOM,
+        potential,
+        volumes,
+        len(elastic),
+        pushed.shape[1],
+        frame.coefficients.detach().numpy(),
+        mass.factor.detach().tril().numpy(),
+        damping.factor.detach().tril().numpy(),
+        float(mass.floor),
+        float(damping.floor),
+        float(energy.far_stiffness),
+    )

@@ -11,6 +11,8 @@ from torch import Tensor
 from lagsplat.array_types import Inputs, Latents
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian, PreparedCoefficients
+from lagsplat.stage2.polynomial_kernels import roll_out
+from lagsplat.stage2.polynomials import list_law_arrays
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 Steps = float | Float[Tensor, "*B n"]
@@ -43,6 +45,22 @@ def rollout(
         positions.append(q)
         velocities.append(v)
     return torch.stack(positions, 1), torch.stack(velocities, 1) / unit
+
+
+@torch.no_grad()
+def rollout_polynomial_law(
+    lagrangian: Lagrangian, q0: Latents, v0: Latents, inputs: Float[Tensor, "B N n_u"], *, dt_s: Steps
+) -> Float[Tensor, "B N d"]:
+    """Roll out the states of a polynomial law as `rollout` does, but in its own coordinates and compiled."""
+    energy, mass, damping = lagrangian.polynomials
+    coordinates, unit = lagrangian.coordinates, float(lagrangian.time_unit_s)
+    assert coordinates is not None
+    steps = torch.as_tensor(dt_s, dtype=torch.float64).expand(len(q0), inputs.shape[1] - 1) / unit
+    held = interpolate_inputs(inputs.double(), nodes=2 * split_inputs(steps, lagrangian.longest_step) + 1)
+    starts = torch.cat(coordinates.push(q0.double(), v0.double() * unit), 1)
+    law = list_law_arrays(energy, mass, damping)
+    path = torch.from_numpy(roll_out(law, starts.numpy(), held.contiguous().numpy(), steps.numpy()))
+    return coordinates.invert(path[..., : lagrangian.d].flatten(0, 1)).view(*path.shape[:2], -1)
 
 
 Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]

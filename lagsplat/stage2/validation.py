@@ -11,7 +11,13 @@ from torch import Tensor
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2 import objective
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.rollout import ShootingTargets, cut_shooting_targets, list_starts, rollout
+from lagsplat.stage2.rollout import (
+    ShootingTargets,
+    cut_shooting_targets,
+    list_starts,
+    rollout,
+    rollout_polynomial_law,
+)
 
 CHANCE = 0.05  # that equally good laws are called different
 INDIFFERENT_RATIO = 1.1  # of two scores, up to which a difference does not matter, however certain it is
@@ -61,8 +67,12 @@ class ValidationTask:
 
     def measure(self, lagrangian: Lagrangian) -> ForecastErrors:
         """Roll a law out and measure what it misses."""
-        q, _ = rollout(lagrangian, self.shots.q, self.shots.v, self.shots.inputs, dt_s=self.shots.steps)
-        errors = objective.square_norm(q - self.shots.targets, self.metric).mean(1).numpy() / self.mean_square
+        shots = self.shots
+        if lagrangian.energy is None:
+            q, _ = rollout(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
+        else:
+            q = rollout_polynomial_law(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
+        errors = objective.square_norm(q - shots.targets, self.metric).mean(1).numpy() / self.mean_square
         return ForecastErrors(np.where(np.isfinite(errors), errors, np.inf), self.distinct)
 
 

@@ -18,6 +18,8 @@ from lagsplat.stage2.multiple_shooting import (
     cut_windows,
     solve_normal,
 )
+from lagsplat.stage2.polynomials import draw_states, make_wide_ball
+from lagsplat.stage2.rollout import rollout, rollout_polynomial_law
 from tests.stage2_problems import random_lagrangian
 
 DT_S = 0.02
@@ -69,9 +71,11 @@ def test_derivatives_are_those_of_the_rollout() -> None:
     path = shooting.parameters.roll_out(theta, starts, shooting.windows)
     by_start, by_theta = shooting.parameters.differentiate(theta, path, shooting.windows)
     step = 1e-6
-    for k in (0, len(theta) // 2, len(theta) - 1):
+    n_map = len(shooting.parameters.find_columns(MAP))
+    assert by_theta.shape[3] == len(theta) - n_map
+    for k in range(by_theta.shape[3]):
         away = torch.zeros_like(theta)
-        away[k] = step
+        away[n_map + k] = step
         ends = [
             shooting.parameters.roll_out(theta + sign * away, starts, shooting.windows) for sign in (1, -1)
         ]
@@ -80,6 +84,18 @@ def test_derivatives_are_those_of_the_rollout() -> None:
     away[:, 3] = step
     ends = [shooting.parameters.roll_out(theta, starts + sign * away, shooting.windows) for sign in (1, -1)]
     torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_start[..., 3], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("d", [1, 3])
+@pytest.mark.parametrize("reach", [0.5, 5.0])  # states inside and outside the ball
+def test_compiled_rollouts_are_those_of_the_law(d: int, reach: float) -> None:
+    law = random_lagrangian(d, 2, 7, amount=0.02, terms="polynomial", map_degree=1, matrix_degree=2)
+    states = draw_states(make_wide_ball(d, 1.0), 30, reach=reach, seed=1)
+    law.move_ball(draw_states(make_wide_ball(d, 1.0), 300, reach=1.0, seed=2))
+    inputs = torch.randn(30, 6, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    expected, _ = rollout(law, states, 0.3 * states, inputs, dt_s=0.01)
+    found = rollout_polynomial_law(law, states, 0.3 * states, inputs, dt_s=0.01)
+    torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-11)
 
 
 def test_latents_are_observed_and_differentiated_through_the_map() -> None:
