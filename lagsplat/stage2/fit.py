@@ -45,7 +45,6 @@ from lagsplat.stage2.rollout import (
     list_one_step_windows,
     list_starts,
 )
-from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import ForecastErrors, draw_validation_task
 
 KIND = "dynamics"
@@ -96,8 +95,8 @@ class FitReport:
             )
         if self.draws is None:
             found.append(
-                "the law has no intervals: no windows of its likelihood fit, and it is that of the weak "
-                "form; or they leave a parameter open. Record longer, or check latent.png for noise"
+                "the law has no intervals: the recording is too short to be divided, or leaves a parameter "
+                "open. Record longer, or check latent.png for noise"
             )
         return found
 
@@ -130,7 +129,7 @@ def fit_dynamics(
     """
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
-    report, best, solved = fit.report, fit.best, None
+    report, best = fit.report, fit.best
     if config.form.terms == "polynomial":
         likelihood = LikelihoodFit(
             measured or trajectory,
@@ -144,8 +143,10 @@ def fit_dynamics(
         start = likelihood.choose_start()
         chosen = likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
-        lagrangian, solved = chosen.law, chosen.solved
+        lagrangian = chosen.law
         lagrangian.settle()
+        with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
+            report.draws = likelihood.draw_laws(chosen)
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
     else:
         fit.start(torch.from_numpy(rest), geometry)
@@ -162,11 +163,6 @@ def fit_dynamics(
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
     report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
     report.under_mean_input = linearize_modes(lagrangian, mean_input)
-    if solved is not None:
-        problem, windows = solved
-        theta = problem.parameters.read().numpy()
-        with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
-            report.draws = draw_parameters(problem.score_windows(windows), theta, seed=seed)
     report.wall_s = time.perf_counter() - fit.started_s
     return lagrangian, report
 

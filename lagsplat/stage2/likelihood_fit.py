@@ -19,7 +19,13 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
+from lagsplat.stage2.multiple_shooting import (
+    MultipleShooting,
+    WindowFit,
+    choose_stretches,
+    fit_windows,
+)
+from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
@@ -127,6 +133,21 @@ class LikelihoodFit:
             starts.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise)))
         return min(starts, key=lambda start: start.errors.score)
 
+    def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
+        """Draw parameters of laws that the recording allows as well.
+
+        Raises:
+            ValueError: the recording is too short to be divided.
+            numpy.linalg.LinAlgError: a parameter is not determined.
+        """
+        # the windows of a law of the weak form are fitted to it
+        solved = fitted.solved or self._fit(fitted, 1.0, fitted.coupling, part=1, hold_law=True).solved
+        assert solved is not None
+        problem, windows = solved
+        return draw_parameters(
+            problem.score_windows(windows), problem.parameters.read().numpy(), seed=self.seed
+        )
+
     def maximize(self, start: FittedLaw) -> FittedLaw:
         """Fit a law and let it grow; the last fit takes all frames.
 
@@ -173,9 +194,8 @@ class LikelihoodFit:
             now = fitted.with_fitted_noise()
             best = min(best, now, key=lambda each: each.errors.score)
         loose = replace(now, solved=None, coupling=COUPLED_LEGS[0][1])
-        return replace(loose, errors=best.errors), replace(
-            best, noise=now.noise, memory=now.memory, solved=None, evidence=-math.inf
-        )
+        safe = replace(best, noise=now.noise, memory=now.memory, evidence=-math.inf)
+        return replace(loose, errors=best.errors), safe
 
     def _tighten(self, start: FittedLaw, legs: Sequence[tuple[float, float]], *, part: int) -> FittedLaw:
         """Couple the windows ever closer, as long as the evidence allows it.
@@ -201,7 +221,9 @@ class LikelihoodFit:
         grown = self._tighten(start, [leg for leg in COUPLED_LEGS if leg[1] <= law.coupling], part=2)
         return law if grown is start else grown
 
-    def _fit(self, start: FittedLaw, share: float, coupling: float, *, part: int) -> FittedLaw:
+    def _fit(
+        self, start: FittedLaw, share: float, coupling: float, *, part: int, hold_law: bool = False
+    ) -> FittedLaw:
         """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
         segments = choose_stretches(self.measured.segments, frames=frames)
@@ -220,6 +242,7 @@ class LikelihoodFit:
             memory=start.memory,
             iterations=self.settings.iterations,
             least_gain=LEAST_GAIN,
+            hold_law=hold_law,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -359,10 +359,11 @@ class MultipleShooting:
         self.before = np.flatnonzero(windows.linked)
         self.prior_mean, self.precision = parameters.weigh_prior()
 
-    def fit(self, starts: States, *, iterations: int, least_gain: float) -> WindowFit:
+    def fit(self, starts: States, *, iterations: int, least_gain: float, hold_law: bool = False) -> WindowFit:
         """Take damped Gauss-Newton steps, and leave the law at the best parameters.
 
         It ends with a step by which the logarithm of the posterior density grows less than ``least_gain``.
+        With ``hold_law`` the states at the window starts move alone.
         """
         theta, damping, steps = self.parameters.read(), FIRST_DAMPING, 0
         now = self.evaluate(theta, starts)
@@ -372,7 +373,7 @@ class MultipleShooting:
             normal = self.assemble(theta, now, self.differentiate(theta, now))
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
-                    step = solve_normal(normal, self.windows.linked, damping=damping)
+                    step = solve_normal(normal, self.windows.linked, damping=damping, hold_law=hold_law)
                 if step is not None:
                     after = self.evaluate(theta + step[1], starts + step[0])
                     if after.cost < now.cost:
@@ -569,15 +570,18 @@ def eliminate_states(
 
 
 def solve_normal(
-    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
+    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float, hold_law: bool = False
 ) -> tuple[States, Float[Tensor, " p"]] | None:
-    """Solve for the steps of states and parameters, or None where the equations are not positive definite."""
+    """Solve for the steps of states and parameters, or None where the equations are not positive definite.
+
+    With ``hold_law`` the step of the parameters is zero.
+    """
     try:
         left = eliminate_states(normal, linked, damping=damping)
         factor = np.linalg.cholesky(left.law)
     except np.linalg.LinAlgError:
         return None
-    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right))
+    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right)) * (not hold_law)
     starts = np.empty_like(normal.states_gradient)
     for i in range(len(starts) - 1, -1, -1):
         rest = left.right[i] - left.mixed[i] @ theta
@@ -599,6 +603,7 @@ def fit_windows(
     memory: Float64[np.ndarray, " d"],
     iterations: int,
     least_gain: float,
+    hold_law: bool = False,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
@@ -611,6 +616,7 @@ def fit_windows(
         noise, memory: standard deviation of the encoded positions, and its correlation from frame to frame.
         iterations: Gauss-Newton steps at most.
         least_gain: of a step after which another is taken [nat].
+        hold_law: fit the window starts alone.
 
     Raises:
         ValueError: no part is as long as a window.
@@ -626,4 +632,4 @@ def fit_windows(
     guard = Guard(parameters, measured, seed=0)
     problem = MultipleShooting(parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard)
     starts = state[torch.from_numpy(windows.frames)]
-    return problem, problem.fit(starts, iterations=iterations, least_gain=least_gain)
+    return problem, problem.fit(starts, iterations=iterations, least_gain=least_gain, hold_law=hold_law)
