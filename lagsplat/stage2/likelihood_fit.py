@@ -39,6 +39,7 @@ COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001)
 LEAST_GAIN = 2.0  # of a Gauss-Newton step after which another is taken [nat]
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
+LONGEST_REFUSAL = 1  # degrees in a row that do not pay: a symmetric potential has no odd ones
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
@@ -113,7 +114,7 @@ class LikelihoodFit:
         self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
 
     def choose_start(self) -> FittedLaw:
-        """The law of the weak form that forecasts best, of all degrees and bumps of several widths.
+        """The simplest law of the weak form that forecasts as well as the best, with bumps of several widths.
 
         Raises:
             ValueError: no segment is as long as a bump.
@@ -123,7 +124,7 @@ class LikelihoodFit:
         fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
         noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
         starts = []
-        for degrees, width in product(self.ladder, fitting):
+        for degrees, width in product(reversed(self.ladder), fitting):
             form = self.form.with_degrees(degrees)
             law = fit_weak_form(
                 self.measured, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
@@ -131,7 +132,9 @@ class LikelihoodFit:
             period = self._set_time_scales(law)
             errors = self.measure("start", law, width, float("nan"))
             starts.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise)))
-        return min(starts, key=lambda start: start.errors.score)
+        starts.sort(key=lambda start: start.errors.score)
+        as_good = [start for start in starts if not start.errors.is_worse_than(starts[0].errors)]
+        return max(as_good, key=lambda start: self.ladder.index(start.law.form.degrees))
 
     def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
         """Draw parameters of laws that the recording allows as well.
@@ -174,9 +177,11 @@ class LikelihoodFit:
             return safe
         for degree in range(2, self.most.coordinates + 1):
             now = self._grow(now, coordinates=degree)
+        refused = 0
         for degrees in reversed(self.ladder[: self.ladder.index(start.law.form.degrees)]):
             grown = self._grow(now, potential=degrees.potential, inputs=degrees.inputs)
-            if grown is now:
+            refused = refused + 1 if grown is now else 0
+            if refused > LONGEST_REFUSAL:
                 break
             now = grown
         for degree in range(1, self.most.matrices + 1):
