@@ -34,6 +34,9 @@ MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for o
 MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
+FIRST_SHARE = (
+    0.01  # of the misfit, by which a step must lower it: to the end, free windows leave the law open
+)
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
 LEAST_GAIN = 2.0  # of a Gauss-Newton step after which another is taken [nat]
@@ -192,13 +195,13 @@ class LikelihoodFit:
         """Fit loose windows, whose residuals become the noise; the law after them, and the best forecast."""
         now = best = start
         for share, coupling in FIRST_LEGS:
-            fitted = self._fit(now, share, coupling, part=4)
+            fitted = self._fit(now, share, coupling, part=4, least_share=FIRST_SHARE)
             if fitted.solved is None or not fitted.solved[1].steps:
                 now = replace(best, noise=now.noise, memory=now.memory)
                 continue
             now = fitted.with_fitted_noise()
             best = min(best, now, key=lambda each: each.errors.score)
-        loose = replace(now, solved=None, coupling=COUPLED_LEGS[0][1])
+        loose = replace(now, coupling=COUPLED_LEGS[0][1])
         safe = replace(best, noise=now.noise, memory=now.memory, evidence=-math.inf)
         return replace(loose, errors=best.errors), safe
 
@@ -208,26 +211,35 @@ class LikelihoodFit:
         What the law does not explain is so taken for noise of the encoder, as long as it can be that.
         Evidences are compared under the same noise and frames alone, one ``part`` in so many of all.
         """
-        accepted = now = start
+        accepted, reached = start, start.evidence
+        now = replace(start, evidence=-math.inf)
         for share, coupling in legs:
             now, before = self._fit(now, share, coupling, part=part), now.evidence
-            # a grown law may forecast well only once its windows are coupled closer than they like
-            least = start.evidence if accepted is start else before
-            if not now.evidence > least - INDIFFERENT or not _is_invertible(now.law):
+            if not now.evidence > before - INDIFFERENT or not _is_invertible(now.law):
                 break
-            if not now.errors.is_worse_than(start.errors):
-                accepted = now
+            # a grown law may forecast well only once its windows are coupled closer than they like
+            if now.evidence > reached - INDIFFERENT and not now.errors.is_worse_than(start.errors):
+                accepted, reached = now, now.evidence
         return accepted
 
     def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
         """The law with terms of higher ``degrees`` where the evidence for it is greater, or itself."""
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
-        grown = self._tighten(start, [leg for leg in COUPLED_LEGS if leg[1] <= law.coupling], part=2)
+        # windows that are less closely coupled let go of what the simpler law has made of the motion
+        looser = max(0, [coupling for _, coupling in COUPLED_LEGS].index(law.coupling) - 1)
+        grown = self._tighten(start, COUPLED_LEGS[looser:], part=2)
         return law if grown is start else grown
 
     def _fit(
-        self, start: FittedLaw, share: float, coupling: float, *, part: int, hold_law: bool = False
+        self,
+        start: FittedLaw,
+        share: float,
+        coupling: float,
+        *,
+        part: int,
+        least_share: float = 0.0,
+        hold_law: bool = False,
     ) -> FittedLaw:
         """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
@@ -247,7 +259,9 @@ class LikelihoodFit:
             memory=start.memory,
             iterations=self.settings.iterations,
             least_gain=LEAST_GAIN,
+            least_share=least_share,
             hold_law=hold_law,
+            near=start.solved,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -13,7 +13,7 @@ DOI 10.1137/0111030.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +40,12 @@ Paths = Float[Tensor, "K n s"]
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 STRETCHES = 8  # into which the used part of a long recording is divided
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
-ATTEMPTS = 10  # of a step, each ten times as damped
+ATTEMPTS, STRENGTHENED, WEAKENED = 16, 4.0, 8.0  # of a step, and factors of its damping where it fails or not
+SMALL_GAINS = 2  # in a row, after which a fit ends: one alone may be a bend of the valley
+PROBE, MOST_TURN = (
+    0.1,
+    0.75,
+)  # share of a step for its curvature, and the largest second-order term (the source's)
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
 VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
@@ -359,32 +364,43 @@ class MultipleShooting:
         self.before = np.flatnonzero(windows.linked)
         self.prior_mean, self.precision = parameters.weigh_prior()
 
-    def fit(self, starts: States, *, iterations: int, least_gain: float, hold_law: bool = False) -> WindowFit:
+    def fit(
+        self,
+        starts: States,
+        *,
+        iterations: int,
+        least_gain: float,
+        least_share: float = 0.0,
+        hold_law: bool = False,
+    ) -> WindowFit:
         """Take damped Gauss-Newton steps, and leave the law at the best parameters.
 
-        It ends with a step by which the logarithm of the posterior density grows less than ``least_gain``.
+        It ends when the logarithm of the posterior density grows less than ``least_gain`` twice in a row, or
+        once by less than ``least_share`` of the misfit.
         With ``hold_law`` the states at the window starts move alone.
         """
-        theta, damping, steps = self.parameters.read(), FIRST_DAMPING, 0
+        theta, damping, steps, small = self.parameters.read(), FIRST_DAMPING, 0, 0
         now = self.evaluate(theta, starts)
         # slopes of windows that diverge lead nowhere
         lost = not self._missed(now) < MOST_MISSED
         for _ in range(0 if lost else iterations):
-            normal = self.assemble(theta, now, self.differentiate(theta, now))
+            slopes = self.differentiate(theta, now)
+            normal = self.assemble(theta, now, slopes)
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
-                    step = solve_normal(normal, self.windows.linked, damping=damping, hold_law=hold_law)
+                    step = self._step(theta, starts, now, slopes, normal, damping=damping, hold_law=hold_law)
                 if step is not None:
                     after = self.evaluate(theta + step[1], starts + step[0])
                     if after.cost < now.cost:
                         break
-                damping *= 10.0
+                damping *= STRENGTHENED
             else:
                 break
             gain = now.cost - after.cost
+            small = small + 1 if gain < least_gain else 0
             theta, starts, now = theta + step[1], starts + step[0], after
-            damping, steps = max(0.1 * damping, LEAST_DAMPING), steps + 1
-            if gain < least_gain:
+            damping, steps = max(damping / WEAKENED, LEAST_DAMPING), steps + 1
+            if small == SMALL_GAINS or gain < least_share * now.cost:
                 break
         self.parameters.write(theta)
         error = now.error.numpy()
@@ -393,6 +409,72 @@ class MultipleShooting:
         return WindowFit(
             starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
         )
+
+    def _step(
+        self,
+        theta: Float[Tensor, " p"],
+        starts: States,
+        now: Residuals,
+        slopes: "Slopes",
+        normal: NormalEquations,
+        *,
+        damping: float,
+        hold_law: bool,
+    ) -> tuple[States, Float[Tensor, " p"]] | None:
+        """A step of states and parameters with geodesic acceleration, or None where it leads too far.
+
+        Least squares with many parameters lie in long curved valleys. A second-order term from the
+        residuals' curvature along the step follows them.
+
+        Source: Transtrum and Sethna 2012, arXiv:1201.5885.
+        """
+        linked = self.windows.linked
+        step = solve_normal(normal, linked, damping=damping)
+        if step is None:
+            return None
+        if hold_law:
+            return step[0], torch.zeros_like(theta)
+        states, law = step
+        ahead = self.evaluate(theta + PROBE * law, starts + PROBE * states)
+        if not np.isfinite(ahead.cost):
+            return None
+        position, gap = self._apply(slopes, states.numpy(), law.numpy())
+        position = 2.0 / PROBE * ((ahead.position - now.position).flatten(1).numpy() / PROBE - position)
+        gap = 2.0 / PROBE * ((ahead.gap - now.gap).numpy() / PROBE - gap)
+        states_gradient, law_gradient = self._pull_back(slopes, position, gap)
+        bent = replace(normal, states_gradient=states_gradient, law_gradient=law_gradient)
+        second = solve_normal(bent, linked, damping=damping)
+        if second is None:
+            return None
+        length, turn = (
+            float((each[1].square() * torch.from_numpy(np.diag(normal.law))).sum().sqrt())
+            for each in (step, second)
+        )
+        if turn > MOST_TURN * length:
+            return None
+        return states + 0.5 * second[0], law + 0.5 * second[1]
+
+    def _apply(
+        self, slopes: "Slopes", states: Float64[np.ndarray, "K s"], law: Float64[np.ndarray, " p"]
+    ) -> tuple[Float64[np.ndarray, "K r"], Float64[np.ndarray, "G s"]]:
+        """How the residuals change to first order along a step."""
+        by_state, by_law, here, along = slopes
+        position = np.einsum("krs,ks->kr", by_state, states) + by_law @ law
+        gap = np.einsum("gas,gs->ga", here, states[self.before]) + along @ law
+        return position, gap + states[self.before + 1] / self.coupling.numpy()
+
+    def _pull_back(
+        self,
+        slopes: "Slopes",
+        position: Float64[np.ndarray, "K r"],
+        gap: Float64[np.ndarray, "G s"],
+    ) -> tuple[Float64[np.ndarray, "K s"], Float64[np.ndarray, " p"]]:
+        """Gradients by the window starts and by the parameters, less those of prior and guard."""
+        by_state, by_law, here, along = slopes
+        states = np.einsum("krs,kr->ks", by_state, position)
+        states[self.before] += np.einsum("gab,ga->gb", here, gap)
+        states[self.before + 1] += gap / self.coupling.numpy()
+        return states, np.einsum("krp,kr->p", by_law, position) + np.einsum("gsp,gs->p", along, gap)
 
     def _missed(self, now: Residuals) -> float:
         position = now.error.square().mean((0, 1)).sqrt()
@@ -441,20 +523,17 @@ class MultipleShooting:
         by_state, by_law, here, along = slopes
         p, residual, gap = len(theta), now.position.flatten(1).numpy(), now.gap.numpy()
         states, mixed = by_state.mT @ by_state, by_state.mT @ by_law
-        states_gradient = np.einsum("kns,kn->ks", by_state, residual)
+        states_gradient, law_gradient = self._pull_back(slopes, residual, gap)
         link = np.zeros_like(states)
         states[before] += here.mT @ here
         states[before + 1] += np.diag(inverse**2)
         link[before] = here.mT * inverse
         mixed[before] += here.mT @ along
         mixed[before + 1] += inverse[:, None] * along
-        states_gradient[before] += np.einsum("gab,ga->gb", here, gap)
-        states_gradient[before + 1] += gap * inverse
         rows = np.concatenate([by_law.reshape(-1, p), along.reshape(-1, p)])
-        values = np.concatenate([residual.ravel(), gap.ravel()])
         prior = self.precision.numpy()
         law = rows.T @ rows + np.diag(prior)
-        law_gradient = rows.T @ values + prior * (theta - self.prior_mean).numpy()
+        law_gradient = law_gradient + prior * (theta - self.prior_mean).numpy()
         if self.guard is not None:
             lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
             law, law_gradient = law + by_law.T @ by_law, law_gradient + by_law.T @ lacking
@@ -570,18 +649,15 @@ def eliminate_states(
 
 
 def solve_normal(
-    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float, hold_law: bool = False
+    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
 ) -> tuple[States, Float[Tensor, " p"]] | None:
-    """Solve for the steps of states and parameters, or None where the equations are not positive definite.
-
-    With ``hold_law`` the step of the parameters is zero.
-    """
+    """Solve for the steps of states and parameters, or None where the equations are not positive definite."""
     try:
         left = eliminate_states(normal, linked, damping=damping)
         factor = np.linalg.cholesky(left.law)
     except np.linalg.LinAlgError:
         return None
-    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right)) * (not hold_law)
+    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right))
     starts = np.empty_like(normal.states_gradient)
     for i in range(len(starts) - 1, -1, -1):
         rest = left.right[i] - left.mixed[i] @ theta
@@ -603,7 +679,9 @@ def fit_windows(
     memory: Float64[np.ndarray, " d"],
     iterations: int,
     least_gain: float,
+    least_share: float = 0.0,
     hold_law: bool = False,
+    near: tuple[MultipleShooting, WindowFit] | None = None,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
@@ -615,8 +693,9 @@ def fit_windows(
         coupling: standard deviation of the gaps between windows, relative to the rms of the states.
         noise, memory: standard deviation of the encoded positions, and its correlation from frame to frame.
         iterations: Gauss-Newton steps at most.
-        least_gain: of a step after which another is taken [nat].
+        least_gain, least_share: of a step [nat], and relative to the misfit; fits end after smaller ones.
         hold_law: fit the window starts alone.
+        near: a fit of the same function; its window starts are the first guess if its windows are these.
 
     Raises:
         ValueError: no part is as long as a window.
@@ -632,4 +711,9 @@ def fit_windows(
     guard = Guard(parameters, measured, seed=0)
     problem = MultipleShooting(parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard)
     starts = state[torch.from_numpy(windows.frames)]
-    return problem, problem.fit(starts, iterations=iterations, least_gain=least_gain, hold_law=hold_law)
+    if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):
+        starts = near[1].starts
+    fitted = problem.fit(
+        starts, iterations=iterations, least_gain=least_gain, least_share=least_share, hold_law=hold_law
+    )
+    return problem, fitted
