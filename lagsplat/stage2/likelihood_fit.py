@@ -39,7 +39,7 @@ FIRST_SHARE = (
 )
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
-LEAST_GAIN = 2.0  # of a Gauss-Newton step after which another is taken [nat]
+LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
 LONGEST_REFUSAL = 1  # degrees in a row that do not pay: a symmetric potential has no odd ones
@@ -161,8 +161,7 @@ class LikelihoodFit:
             ValueError: no law forecasts the clip better than its mean state does.
         """
         climbed = self._climb(start)
-        legs = [leg for leg in COUPLED_LEGS if leg[1] <= climbed.coupling]
-        chosen = self._tighten(climbed.with_fitted_noise(), legs, part=1)
+        chosen = self._tighten(climbed.with_fitted_noise(), self._list_legs(climbed.coupling), part=1)
         if not chosen.errors.score < MEAN_STATE:
             raise ValueError(
                 f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
@@ -180,6 +179,8 @@ class LikelihoodFit:
             return safe
         for degree in range(2, self.most.coordinates + 1):
             now = self._grow(now, coordinates=degree)
+        # where the map explains much of it, what was noise is none, and further terms show
+        now = self._tighten(now.with_fitted_noise(), self._list_legs(now.coupling), part=2)
         refused = 0
         for degrees in reversed(self.ladder[: self.ladder.index(start.law.form.degrees)]):
             grown = self._grow(now, potential=degrees.potential, inputs=degrees.inputs)
@@ -226,10 +227,13 @@ class LikelihoodFit:
         """The law with terms of higher ``degrees`` where the evidence for it is greater, or itself."""
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
-        # windows that are less closely coupled let go of what the simpler law has made of the motion
-        looser = max(0, [coupling for _, coupling in COUPLED_LEGS].index(law.coupling) - 1)
-        grown = self._tighten(start, COUPLED_LEGS[looser:], part=2)
+        grown = self._tighten(start, self._list_legs(law.coupling), part=2)
         return law if grown is start else grown
+
+    def _list_legs(self, coupling: float) -> Sequence[tuple[float, float]]:
+        """Legs from one that is looser on: such windows let go of what a law has made of the motion."""
+        looser = max(0, [each for _, each in COUPLED_LEGS].index(coupling) - 1)
+        return COUPLED_LEGS[looser:]
 
     def _fit(
         self,
