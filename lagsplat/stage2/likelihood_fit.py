@@ -232,8 +232,8 @@ class LikelihoodFit:
 
     def _list_legs(self, coupling: float) -> Sequence[tuple[float, float]]:
         """Legs from one that is looser on: such windows let go of what a law has made of the motion."""
-        looser = max(0, [each for _, each in COUPLED_LEGS].index(coupling) - 1)
-        return COUPLED_LEGS[looser:]
+        looser = sum(each > coupling for _, each in COUPLED_LEGS) - 1
+        return COUPLED_LEGS[max(0, looser) :]
 
     def _fit(
         self,

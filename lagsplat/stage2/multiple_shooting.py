@@ -446,10 +446,8 @@ class MultipleShooting:
         second = solve_normal(bent, linked, damping=damping)
         if second is None:
             return None
-        length, turn = (
-            float((each[1].square() * torch.from_numpy(np.diag(normal.law))).sum().sqrt())
-            for each in (step, second)
-        )
+        scale = np.diag(normal.law)
+        length, turn = (float(np.sqrt(scale @ each[1].numpy() ** 2)) for each in (step, second))
         if turn > MOST_TURN * length:
             return None
         return states + 0.5 * second[0], law + 0.5 * second[1]

@@ -9,6 +9,7 @@ import torch
 from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2 import multiple_shooting
 from lagsplat.stage2.multiple_shooting import (
     MAP,
     Guard,
@@ -210,3 +211,31 @@ def test_a_fit_lowers_the_cost_and_a_divergence_is_none() -> None:
     assert fit.cost < 0.5 * before
     assert 0 < fit.steps <= 3
     assert shooting.evaluate(theta, starts * 1e200).cost == float("inf")
+
+
+def test_a_fit_that_holds_the_law_moves_the_starts_alone() -> None:
+    shooting, theta, starts = problem()
+    before = shooting.evaluate(theta, starts).cost
+    fit = shooting.fit(starts, iterations=3, least_gain=0.1, hold_law=True)
+    assert fit.cost < before
+    assert torch.equal(shooting.parameters.read(), theta)
+    assert not torch.equal(fit.starts, starts)
+
+
+def test_a_step_bends_with_the_valley(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To second order: what a step misses of its linear forecast shrinks faster than without the bend."""
+    shooting, theta, starts = problem()
+    starts = shooting.fit(starts, iterations=20, least_gain=0.1, hold_law=True).starts
+    now = shooting.evaluate(theta, starts)
+    slopes = shooting.differentiate(theta, now)
+    normal = shooting.assemble(theta, now, slopes)
+    costs = []
+    for most_turn in (multiple_shooting.MOST_TURN, 0.0):
+        monkeypatch.setattr(multiple_shooting, "MOST_TURN", most_turn)
+        step = shooting._step(theta, starts, now, slopes, normal, damping=1.0, hold_law=False)
+        plain = solve_normal(normal, shooting.windows.linked, damping=1.0)
+        assert plain is not None
+        chosen = step or plain
+        costs.append(shooting.evaluate(theta + chosen[1], starts + chosen[0]).cost)
+    assert step is None  # every bend is refused
+    assert costs[0] < costs[1] < now.cost
