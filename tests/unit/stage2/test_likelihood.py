@@ -27,14 +27,18 @@ def push(time_s: np.ndarray | float) -> np.ndarray | float:
 
 @pytest.fixture(scope="module")
 def motion() -> EncodedTrajectory:
-    """A hardening oscillator far above the frequencies of its drive, released at the end, and noise."""
+    return record_motion(hardening=0.15)
+
+
+def record_motion(hardening: float) -> EncodedTrajectory:
+    """An oscillator far above the frequencies of its drive, released at the end, and noise."""
     omega2 = (2 * np.pi * FREQUENCY_HZ) ** 2 + DECAY_PER_S**2
     drive_s = 14.0
 
     def rate(t: float, state: np.ndarray) -> list[float]:
         q, v = state
         u = push(t) if t < drive_s else 0.0
-        return [v, omega2 * (2.0 * u - q - 0.15 * q**3) - 2 * DECAY_PER_S * v]
+        return [v, omega2 * (2.0 * u - q - hardening * q**3) - 2 * DECAY_PER_S * v]
 
     time_s = DT_S * np.arange(960)
     q = solve_ivp(rate, (0, time_s[-1]), [0.0, 0.0], t_eval=time_s, rtol=1e-9, atol=1e-9, max_step=0.01).y[0]
@@ -140,3 +144,10 @@ def test_equilibria_of_a_double_well_are_found_and_said() -> None:
     assert len(pushed) == 1
     assert "2 stable equilibria" in FitReport(equilibria=2, draws=np.zeros((1, 1))).warnings[0]
     assert FitReport(equilibria=1, draws=np.zeros((1, 1))).warnings == FitReport().warnings == []
+
+
+@pytest.mark.parametrize(("hardening", "degree"), [(0.0, 2), (0.15, 4)])
+def test_the_potential_has_no_higher_degree_than_the_motion_tells(hardening: float, degree: int) -> None:
+    settings = config(form=replace(POLYNOMIAL, matrix_degree=0, map_degree=1))
+    law, _ = fit_dynamics(record_motion(hardening), np.eye(1), settings, 0, rest=np.zeros(1))
+    assert law.form.potential_degree == degree
