@@ -1,7 +1,8 @@
 """Cost of stage 2 on two cores: one Adam step of the full protocol, and a 50-rollout evaluation.
 
 Run as ``python benchmarks/stage2.py``. The comparison is with the same step whose forces are taken by
-automatic differentiation of the energies, sample by sample vectorised, in the same process.
+automatic differentiation of the energies, sample by sample vectorised, in the same process. Rollouts of a law
+of polynomials are compared with the same rollouts by torch.
 """
 
 import time
@@ -10,11 +11,13 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from lagsplat.stage2.config import FormConfig
+from lagsplat.config.compose import compose
+from lagsplat.stage2.config import Degrees, FormConfig
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
-from lagsplat.stage2.rollout import ShootingWindows, rollout
+from lagsplat.stage2.polynomials import make_wide_ball
+from lagsplat.stage2.rollout import ShootingWindows, rollout, rollout_polynomial_law
 
 D, N_INPUTS, BATCH, STEPS = 4, 4, 32, 47_000
 
@@ -39,6 +42,16 @@ def published_size() -> Lagrangian:
     input_stiffness = InputStiffness(curvature, 0.0 * curvature, InputRange(ones[:, 0], 0.0 * ones[:, 0]))
     start = Coefficients(eye, 0.2 * eye, eye, ones, 0.0 * eye[0], input_stiffness)
     return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 1e-2), time_unit_s=0.1, seed=0)
+
+
+def polynomial_law() -> Lagrangian:
+    eye = torch.eye(D, dtype=torch.float64)
+    form = FormConfig(**vars(compose("system=krauss_2seg").stage2.form))
+    form = form.with_degrees(Degrees(potential=4, inputs=3, coordinates=2, matrices=1))
+    force = 0.1 * torch.ones(N_INPUTS, D, dtype=torch.float64)
+    start = Coefficients(eye, 0.2 * eye, eye, force, 0.0 * eye[0])
+    ball = make_wide_ball(D, 3.0)
+    return Lagrangian(start, form=form, floors=Floors(1e-2, 1e-3, 0.0), time_unit_s=0.1, seed=0, ball=ball)
 
 
 def seconds(action: Callable[[], object], repeats: int) -> float:
@@ -93,10 +106,16 @@ def main() -> None:
     start = torch.randn(2, 50, D, dtype=torch.float64)
     drive = torch.rand(50, 30, N_INPUTS, dtype=torch.float64)
     forecast = seconds(lambda: rollout(lagrangian, 0.1 * start[0], start[1], drive, dt_s=0.0167), 3)
+    law, steps = polynomial_law(), drive.repeat(1, 2, 1)
+    start = 0.3 * start
+    by_torch = seconds(lambda: rollout(law, start[0], start[1], steps, dt_s=0.0167), 3)
+    compiled = seconds(lambda: rollout_polynomial_law(law, start[0], start[1], steps, dt_s=0.0167), 3)
     print(f"one Adam step of {BATCH} windows   {1e3 * written:8.2f} ms")
     print(f"the same by automatic gradients {1e3 * automatic:8.2f} ms   ratio {automatic / written:.1f}")
     print(f"{STEPS} steps                     {written * STEPS / 60:8.1f} min  (mark: 8)")
     print(f"50 rollouts of 30 states        {forecast:8.3f} s    (mark: 5)")
+    slower = by_torch / compiled
+    print(f"50 of 60 states, polynomials    {compiled:8.3f} s    by torch {slower:.0f} times as long")
 
 
 if __name__ == "__main__":
