@@ -24,7 +24,7 @@ from lagsplat.stage2.multiple_shooting import ParameterVector, WindowScores
 COVERAGE = 0.9  # of every interval
 TAILS = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
 # The numbers below were set by hand.
-STEP = 0.05  # of the way to a drawn law
+STEP = 0.002  # of the way to a drawn law, which may be far where a recording is short
 LARGEST_LOG = 7.0  # of a ratio: a thousandfold is unknown
 BLOCKS = 10  # of windows, at least three each: neighbours share what is coupled
 DRAWS = 100
