@@ -226,9 +226,29 @@ def _make_balance(d, m):
 
 
 @njit(cache=True)
+def _fill_frame(law, share, turned, at):
+    """Fill the frame and its derivatives from the monomials."""
+    d, bent = len(at.w), len(law.frame)
+    at.frame[:] = 0.0
+    at.frame_by_x[:] = 0.0
+    for a in range(d):
+        at.frame[a, a] = 1.0
+    for k in range(bent):
+        along = 0.0
+        for a in range(d):
+            along += at.slope[k + 1, a] * at.z[a]
+        for i in range(d):
+            for j in range(d):
+                at.frame[i, j] += at.value[k + 1] * law.frame[k, i, j]
+                for r in range(d):
+                    by_x = share * at.slope[k + 1, r] + turned * along * at.z[r]
+                    at.frame_by_x[i, j, r] += by_x * law.frame[k, i, j]
+
+
+@njit(cache=True)
 def _solve_balance(law, inertia, viscosity, x, v, u, at):
     """Fill ``at`` for one state; returns the coefficients of its soft clip."""
-    d, m, bent = len(x), len(law.energy), len(law.frame)
+    d, m = len(x), len(law.energy)
     share, turned, curved, far, far_growth = _evaluate(x, law, at.z, at.value, at.slope)
     clip = (share, turned, curved, far, far_growth)
     for k in range(m):
@@ -247,20 +267,7 @@ def _solve_balance(law, inertia, viscosity, x, v, u, at):
             force[a] = share * force[a] + turned * along * at.z[a]
     for a in range(d):
         force[a] -= law.far_stiffness * far * at.z[a]
-    at.frame[:] = 0.0
-    at.frame_by_x[:] = 0.0
-    for a in range(d):
-        at.frame[a, a] = 1.0
-    for k in range(bent):
-        along = 0.0
-        for a in range(d):
-            along += at.slope[k + 1, a] * at.z[a]
-        for i in range(d):
-            for j in range(d):
-                at.frame[i, j] += at.value[k + 1] * law.frame[k, i, j]
-                for r in range(d):
-                    by_x = share * at.slope[k + 1, r] + turned * along * at.z[r]
-                    at.frame_by_x[i, j, r] += by_x * law.frame[k, i, j]
+    _fill_frame(law, share, turned, at)
     for i in range(d):
         at.w[i] = 0.0
         for r in range(d):
