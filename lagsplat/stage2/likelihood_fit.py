@@ -19,12 +19,7 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.multiple_shooting import (
-    MultipleShooting,
-    WindowFit,
-    choose_stretches,
-    fit_windows,
-)
+from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
@@ -34,9 +29,8 @@ MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for o
 MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
-FIRST_SHARE = (
-    0.01  # of the misfit, by which a step must lower it: to the end, free windows leave the law open
-)
+FIRST_SHARE = 0.01
+"""Of the misfit, by which each of their steps must lower it: fitted to the end, free windows overfit."""
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
 LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
@@ -98,12 +92,8 @@ class LikelihoodFit:
         measure: Callable[[str, Lagrangian, int, float], ForecastErrors],
     ) -> None:
         self.measured, self.smooth = measured, replace(smooth, inputs=measured.inputs)
-        self.settings, self.time_unit_s, self.seed, self.measure = (
-            config.likelihood,
-            time_unit_s,
-            seed,
-            measure,
-        )
+        self.settings, self.time_unit_s = config.likelihood, time_unit_s
+        self.seed, self.measure = seed, measure
         self.period_frames = period_frames
         # in several coordinates polynomials of high degree are free wherever the recording is thin
         form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
