@@ -199,7 +199,6 @@ class Lagrangian(nn.Module):
             potential_degree=self.form.degrees.potential,
             input_degree=self.form.degrees.inputs,
             ball=ball,
-            far_stiffness=float(torch.trace(start.stiffness)) / self.d,
         )
         self.energy.set_quadratic(start.stiffness, start.rest, start.pressure_map)
         for parameter in (self.stiffness_factor, self.pressure_map, self.rest):

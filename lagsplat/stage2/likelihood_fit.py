@@ -206,7 +206,7 @@ class LikelihoodFit:
         now = replace(start, evidence=-math.inf)
         for share, coupling in legs:
             now, before = self._fit(now, share, coupling, part=part), now.evidence
-            if not now.evidence > before - INDIFFERENT or not _is_invertible(now.law):
+            if not now.evidence > before - INDIFFERENT or not _is_mechanism(now.law):
                 break
             # a grown law may forecast well only once its windows are coupled closer than they like
             if now.evidence > reached - INDIFFERENT and not now.errors.is_worse_than(start.errors):
@@ -282,9 +282,11 @@ class LikelihoodFit:
         return max(4, round(1.0 / (min(oscillating) * dt_s))) if oscillating else self.period_frames
 
 
-def _is_invertible(law: Lagrangian) -> bool:
+def _is_mechanism(law: Lagrangian) -> bool:
+    """Whether its coordinates are one to one and a stable spring holds it far outside the data."""
     assert law.coordinates is not None
-    return law.coordinates.measure_least_stretch() > 0.0
+    assert law.energy is not None
+    return law.coordinates.measure_least_stretch() > 0.0 and law.energy.measure_far_stiffness() > 0.0
 
 
 def grow_law(law: Lagrangian, degrees: Degrees, *, seed: int) -> Lagrangian:

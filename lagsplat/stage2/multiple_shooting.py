@@ -26,7 +26,6 @@ from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.polynomials import (
     REACH,
-    differentiate_monomials,
     draw_states,
     evaluate_monomials,
     list_law_arrays,
@@ -53,6 +52,7 @@ EDGE = 3.0  # of the data [standard deviations]
 FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
 ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
+FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
 LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
@@ -251,7 +251,7 @@ class Guard:
     Args:
         parameters: of the law.
         trajectory: states and inputs; a point of the energy mixes two states, a little beyond both, and any
-            input.
+            input; one lies far outside.
         seed: of the points.
     """
 
@@ -268,8 +268,8 @@ class Guard:
         load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
         with torch.no_grad():  # the stiffness is that at the points as the map is now
             at, _ = coordinates.evaluate(at)
-        _, _, elastic = differentiate_monomials(at, energy.exponents, ball=energy.ball)
-        _, _, pushed = differentiate_monomials(at, energy.input_exponents, ball=energy.ball)
+        at, load = torch.cat([at, at[:1] + FAR]), torch.cat([load, load[:1]])
+        (_, elastic), (_, pushed) = energy.differentiate_terms(at)
         loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
         self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
         self.of_map = parameters.find_columns(MAP)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.polynomials import ROOM, PolynomialEnergy, PolynomialField, PolynomialMap
+from lagsplat.stage2.polynomials import LOADS, ROOM, SPRINGS, PolynomialEnergy, PolynomialField, PolynomialMap
 from lagsplat.stage2.rollout import split_inputs
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -284,7 +284,7 @@ class PolynomialForces:
     """The slopes of a `PolynomialEnergy` in arrays, its potential zero at ``rest``."""
 
     def __init__(self, energy: PolynomialEnergy, rest: States) -> None:
-        self.ball, self.far_stiffness = _array(energy.ball), float(energy.far_stiffness)
+        self.ball = _array(energy.ball)
         self.exponents = _array(energy.exponents).astype(int)
         self.input_exponents = _array(energy.input_exponents).astype(int)
         self.coefficients = _array(energy.coefficients)
@@ -297,20 +297,17 @@ class PolynomialForces:
 
     def elastic_slope(self, q: States) -> States:
         """``grad V``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
-        clip = ClipInArrays(q, self.ball)
-        far = self.far_stiffness * (q - clip.s) * (1.0 - clip.slope)
-        return far + np.einsum("k,...kd->...d", self.coefficients, slope)
+        _, slope = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball, free_degree=SPRINGS)
+        return np.einsum("k,...kd->...d", self.coefficients, slope)
 
     def input_force(self, q: States, u: Inputs) -> States:
         """``grad (u.nu)``."""
-        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, ball=self.ball)
+        _, slope = evaluate_monomials_in_arrays(q, self.input_exponents, ball=self.ball, free_degree=LOADS)
         return np.einsum("...k,...kd->...d", u @ self.input_coefficients, slope)
 
     def _energy(self, q: States) -> Values:
-        value, _ = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball)
-        beyond = q - ClipInArrays(q, self.ball).s
-        return 0.5 * self.far_stiffness * (beyond * beyond).sum(-1) + value @ self.coefficients
+        value, _ = evaluate_monomials_in_arrays(q, self.exponents, ball=self.ball, free_degree=SPRINGS)
+        return value @ self.coefficients
 
 
 class CoordinatesInArrays:
@@ -355,17 +352,18 @@ class ClipInArrays:
 
 
 def evaluate_monomials_in_arrays(
-    q: States, exponents: np.ndarray, *, ball: np.ndarray
+    q: States, exponents: np.ndarray, *, ball: np.ndarray, free_degree: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
-    clip = ClipInArrays(q, ball)
-    s, d = clip.s[..., None, :], q.shape[-1]
+    clip, free = ClipInArrays(q, ball), exponents.sum(1, keepdims=True) <= free_degree
+    s, d = np.where(free, q[..., None, :], clip.s[..., None, :]), q.shape[-1]
     factors = s**exponents
     lowered = exponents * s ** np.maximum(exponents - 1, 0)
     others = [np.delete(factors, i, axis=-1).prod(-1) for i in range(d)]
     slopes = lowered * np.stack(others, -1)
     along = (slopes @ clip.z[..., None]) * (clip.first / clip.r)[..., None]
-    return factors.prod(-1), clip.share[..., None] * slopes + along * clip.z[..., None, :]
+    pulled = clip.share[..., None] * slopes + along * clip.z[..., None, :]
+    return factors.prod(-1), np.where(free, slopes, pulled)
 
 
 def differentiate_monomials_along(

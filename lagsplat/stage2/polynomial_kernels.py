@@ -8,7 +8,8 @@ They are those of `lagsplat.stage2.lagrangian`, in the coordinates of the law: w
 annotations.
 
 Every monomial is an earlier one, its parent, times one variable; the first is one. So values, slopes and
-second derivatives of all follow from the product rule.
+second derivatives of all follow from the product rule. They are those of the softly clipped state, but for
+the linear and quadratic ones of the potential and the linear ones of the volumes, which are of the state.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., I.14 (variational
 equations) and II.1.
@@ -36,12 +37,12 @@ class LawArrays(NamedTuple):
     volumes: np.ndarray  # (c, m) of the volume of each input
     n_energy: int  # monomials of V, the constant one not counted
     n_volumes: int
+    n_springs: int  # monomials up to the quadratic ones, the constant one counted
     frame: np.ndarray  # (k, d, d) coefficients of the monomials 1 to k
     mass_factor: np.ndarray  # (d, d) lower triangular, as the next
     damping_factor: np.ndarray
     mass_floor: float
     damping_floor: float
-    far_stiffness: float
 
 
 def list_parents(exponents):
@@ -70,7 +71,7 @@ def _clip(x, law, z):
         square += z[i] * z[i]
     r = math.sqrt(square)
     if not r > law.radius:
-        return 1.0, 0.0, 0.0, 0.0, 0.0
+        return 1.0, 0.0, 0.0
     tanh = math.tanh((r - law.radius) / (law.room * law.radius))
     slope = 1.0 - tanh * tanh
     bend = -2.0 / (law.room * law.radius) * tanh * slope
@@ -78,14 +79,13 @@ def _clip(x, law, z):
     first = (slope - share) / r
     turned = first / r
     curved = ((bend - 2.0 * first) / r - turned) / (r * r)
-    missing, flat = 1.0 - share, 1.0 - slope
-    return share, turned, curved, missing * flat, -(first * flat + missing * bend) / r
+    return share, turned, curved
 
 
 @njit(cache=True)
 def _evaluate(x, law, z, value, slope):
     """Fill values (m,) and slopes (m, d) of the monomials of the clipped state, by that state."""
-    share, turned, curved, far, far_growth = _clip(x, law, z)
+    share, turned, curved = _clip(x, law, z)
     d, m = len(x), len(value)
     value[0] = 1.0
     for a in range(d):
@@ -97,7 +97,7 @@ def _evaluate(x, law, z, value, slope):
         for a in range(d):
             slope[k, a] = slope[parent, a] * s
         slope[k, i] += value[parent]
-    return share, turned, curved, far, far_growth
+    return share, turned, curved
 
 
 @njit(cache=True)
@@ -249,14 +249,15 @@ def _fill_frame(law, share, turned, at):
 def _solve_balance(law, inertia, viscosity, x, v, u, at):
     """Fill ``at`` for one state; returns the coefficients of its soft clip."""
     d, m = len(x), len(law.energy)
-    share, turned, curved, far, far_growth = _evaluate(x, law, at.z, at.value, at.slope)
-    clip = (share, turned, curved, far, far_growth)
-    for k in range(m):
-        at.load[k] = law.energy[k]
-        for c in range(len(u)):
-            at.load[k] -= u[c] * law.volumes[c, k]
-    force = np.zeros(d)
+    clip = _evaluate(x, law, at.z, at.value, at.slope)
+    share, turned, _ = clip
     for k in range(1, m):
+        at.load[k] = law.energy[k] if k >= law.n_springs else 0.0
+        if k > d:
+            for c in range(len(u)):
+                at.load[k] -= u[c] * law.volumes[c, k]
+    force = np.zeros(d)
+    for k in range(d + 1, m):
         for a in range(d):
             force[a] -= at.load[k] * at.slope[k, a]
     if turned != 0.0:
@@ -265,8 +266,15 @@ def _solve_balance(law, inertia, viscosity, x, v, u, at):
             along += force[a] * at.z[a]
         for a in range(d):
             force[a] = share * force[a] + turned * along * at.z[a]
-    for a in range(d):
-        force[a] -= law.far_stiffness * far * at.z[a]
+    for k in range(1, d + 1):
+        load = law.energy[k]
+        for c in range(len(u)):
+            load -= u[c] * law.volumes[c, k]
+        force[law.variables[k]] -= load
+    for k in range(d + 1, min(law.n_springs, m)):
+        i, j = law.variables[law.parents[k]], law.variables[k]
+        force[i] -= law.energy[k] * x[j]
+        force[j] -= law.energy[k] * x[i]
     _fill_frame(law, share, turned, at)
     for i in range(d):
         at.w[i] = 0.0
@@ -379,7 +387,7 @@ def differentiate_path(law, path, inputs, steps):
                         stage[a] = state[a] + (REACH[j] * h * rates[j - 1, a] if j else 0.0)
                     x, v, u = stage[:d], stage[d:], inputs[i, frame, 2 * piece + NODES[j]]
                     clip = _solve_balance(law, inertia, viscosity, x, v, u, at)
-                    _differentiate(law, inertia, viscosity, clip, v, u, at, bend, slopes[j], rows[j])
+                    _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes[j], rows[j])
                     inverse_mass[j] = at.inverse_mass
                     for a in range(d):
                         rates[j, a] = v[a]
@@ -425,10 +433,10 @@ def _weigh_stages(slopes, h, weight, by_start):
 
 
 @njit(cache=True)
-def _differentiate(law, inertia, viscosity, clip, v, u, at, bend, slopes, rows):
+def _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes, rows):
     """Derivatives of the acceleration by the state, in the lower half of ``slopes`` (2 d, 2 d), and of
     ``M a`` less all forces by each parameter, in ``rows`` (d, p)."""
-    share, turned, curved, far, far_growth = clip
+    share, turned, curved = clip
     d, m, bent = len(v), len(law.energy), len(law.frame)
     _bend(law, share, at.z, at.value, at.slope, bend)
     if turned != 0.0:
@@ -455,15 +463,19 @@ def _differentiate(law, inertia, viscosity, clip, v, u, at, bend, slopes, rows):
                 e_by_x[i, r] += at.frame_by_x[i, j, r] * a[j]
             for k in range(bent):
                 e_by_x[i, r] += spread[k, i] * swept[k, r]
-    for k in range(1, m):
+    for k in range(d + 1, m):
         load = at.load[k]
         for r in range(d):
             for q in range(d):
                 by_x[r, q] += load * bend[k, r, q]
+        if k < law.n_springs:
+            i, j = law.variables[law.parents[k]], law.variables[k]
+            by_x[i, j] += law.energy[k]
+            by_x[j, i] += law.energy[k]
     for r in range(d):
         for q in range(d):
             v_part = 0.0
-            x_part = law.far_stiffness * far_growth * at.z[r] * at.z[q]
+            x_part = 0.0
             for i in range(d):
                 v_part += at.carried[r, i] * (at.rate[i, q] + at.moved[i, q]) + at.drag[r, i] * at.frame[i, q]
                 v_part -= z[i] * (at.frame_by_x[i, q, r] - at.frame_by_x[i, r, q])
@@ -474,7 +486,6 @@ def _differentiate(law, inertia, viscosity, clip, v, u, at, bend, slopes, rows):
                     x_part += law.frame[k, i, r] * z[i] * swept[k, q]
             by_x[r, q] += x_part
             by_v[r, q] = v_part
-        by_x[r, r] += law.far_stiffness * far
         by_v[r, r] += law.damping_floor
     for r in range(d):
         for q in range(d):
@@ -483,7 +494,7 @@ def _differentiate(law, inertia, viscosity, clip, v, u, at, bend, slopes, rows):
             for i in range(d):
                 slopes[d + r, q] -= at.inverse_mass[r, i] * by_x[i, q]
                 slopes[d + r, d + q] -= at.inverse_mass[r, i] * by_v[i, q]
-    _differentiate_by_parameters(law, v, u, at, e, force, rows)
+    _differentiate_by_parameters(law, x, v, u, at, e, force, rows)
 
 
 @njit(cache=True)
@@ -503,7 +514,7 @@ def _vary_factor(factor, side, x, sign, rows):
 
 
 @njit(cache=True)
-def _differentiate_by_parameters(law, v, u, at, e, force, rows):
+def _differentiate_by_parameters(law, x, v, u, at, e, force, rows):
     """Fill derivatives (d, p) of ``M a`` less all forces, at a fixed ``a``, by each parameter."""
     d, bent, w, z = len(v), len(law.frame), at.w, at.momentum
     square, turning = d * d, at.moved - at.rate
@@ -526,11 +537,21 @@ def _differentiate_by_parameters(law, v, u, at, e, force, rows):
                     rows[r, column] = value - v[j] * at.slope[k + 1, r] * z[i]
                 rows[j, column] += own
     first += square
-    for r in range(d):
-        for k in range(law.n_energy):
-            rows[r, first + k] = at.slope[k + 1, r]
+    for k in range(law.n_energy):
+        j, parent = law.variables[k + 1], law.parents[k + 1]
+        if k < d:
+            rows[j, first + k] = 1.0
+        elif k + 1 < law.n_springs:
+            rows[law.variables[parent], first + k] += x[j]
+            rows[j, first + k] += x[law.variables[parent]]
+        else:
+            for r in range(d):
+                rows[r, first + k] = at.slope[k + 1, r]
     first += law.n_energy
     for c in range(len(u)):
-        for r in range(d):
-            for k in range(law.n_volumes):
-                rows[r, first + c * law.n_volumes + k] = -u[c] * at.slope[k + 1, r]
+        for k in range(law.n_volumes):
+            if k < d:
+                rows[law.variables[k + 1], first + c * law.n_volumes + k] = -u[c]
+            else:
+                for r in range(d):
+                    rows[r, first + c * law.n_volumes + k] = -u[c] * at.slope[k + 1, r]

@@ -1,10 +1,10 @@
 """Polynomial terms of the Lagrangian: potential and input potentials, and matrix fields, of low degree.
 
-All are polynomials of the soft-clipped state ``s``. Inside a ball around the data ``s`` is ``q``; outside it
-is bounded, and so are the terms and their slopes; a spring holds what is beyond. A clip that began inside the
-data would bend a line: with ``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest.
-A box would leave polynomials free in its corners, twice as far from its center as any state in four
-coordinates.
+Terms of high degree are polynomials of the soft-clipped state ``s``. Inside a ball around the data ``s`` is
+``q``; outside it is bounded, and so are the terms and their slopes. Springs and constant forces are never
+clipped: outside the data a law is a linear one, more or less. A clip that began inside the data would bend a
+line: with ``s = 4 tanh(q / 4)`` a quartic of a linear spring is 1 to 2 % too stiff at rest. A box would leave
+polynomials free in its corners, twice as far from its center as any state in four coordinates.
 """
 
 from collections.abc import Sequence
@@ -23,6 +23,7 @@ NEWTON_STEPS, LONGEST_NEWTON_STEP, ARRIVED = 40, 0.5, 1e-12  # [-, whitened unit
 # The numbers below were set by hand, with both simulated arms and the toy in view.
 ROOM = 0.25  # of the radius of the ball, by which the clipped state leaves it at most
 OUTSIDE = 1e-3  # share of the states outside the ball: outliers of the encoder
+SPRINGS, LOADS = 2, 1  # degrees up to which V and nu are polynomials of the state itself
 CHECKED, REACH = 8192, 2.0  # points at which a map must be invertible, and how many radii off they are
 
 Ball = Float[Tensor, " d1"]
@@ -38,7 +39,7 @@ def enclose_states(q: Latents) -> Ball:
     return torch.cat([center, (q - center).norm(dim=1).quantile(1.0 - OUTSIDE)[None]])
 
 
-def make_wide_ball(d: int, radius: float = 1e9) -> Ball:
+def make_wide_ball(d: int, radius: float = 1e99) -> Ball:
     """A ball around zero, by default so wide that nothing is clipped."""
     return torch.cat([torch.zeros(d, dtype=torch.float64), torch.tensor([radius], dtype=torch.float64)])
 
@@ -111,19 +112,17 @@ class SoftClip:
         own = own + curved * along * (z[:, :, None] * z[:, None])[:, None]
         return jacobian[:, None] @ bends @ jacobian[:, None] + own
 
-    def weigh_far(self) -> tuple[Float[Tensor, "B 1"], Float[Tensor, "B 1"]]:
-        """Factor ``h`` of ``z`` in the slope of ``|q - s|^2 / 2``, and ``h'(r) / r``."""
-        missing, flat = 1.0 - self.share, 1.0 - self.slope
-        return missing * flat, -(self.first * flat + missing * self.bend) / self.r
 
-
-def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball) -> Monomials:
+def evaluate_monomials(
+    q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball, free_degree: int = 0
+) -> Monomials:
     """Values and gradients at ``q`` of monomials of the state ``s`` that is clipped softly (`SoftClip`).
 
     Args:
         q: states [whitened units].
         exponents: powers of each coordinate, one row a monomial, from `list_exponents`.
         ball: where ``s = q`` [whitened units].
+        free_degree: up to which monomials are of the state itself.
 
     Example:
         >>> import torch
@@ -135,6 +134,10 @@ def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, ball: Bal
         [0.1, 0.01, 1.0, 0.2]
     """
     clip = SoftClip(q, ball)
+    if not clip.all_inside and (free := exponents.sum(1) <= free_degree).any():
+        near = evaluate_monomials(q, exponents[free], ball=make_wide_ball(q.shape[1]))
+        beyond = evaluate_monomials(q, exponents[~free], ball=ball)
+        return torch.cat([near[0], beyond[0]], 1), torch.cat([near[1], beyond[1]], 1)
     levels, order, d = _raise_powers(clip.s, exponents), exponents.long(), q.shape[1]
     factors = [levels[order[:, i], i] for i in range(d)]
     value = torch.ones((len(exponents), len(q)), dtype=q.dtype)
@@ -151,10 +154,14 @@ def evaluate_monomials(q: Latents, exponents: Float[Tensor, "k d"], *, ball: Bal
 
 
 def differentiate_monomials(
-    q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball
+    q: Latents, exponents: Float[Tensor, "k d"], *, ball: Ball, free_degree: int = 0
 ) -> tuple[Float[Tensor, "B k"], Float[Tensor, "B k d"], Float[Tensor, "B k d d"]]:
     """Values, gradients and second derivatives of `evaluate_monomials`."""
     clip = SoftClip(q, ball)
+    if not clip.all_inside and (free := exponents.sum(1) <= free_degree).any():
+        near = differentiate_monomials(q, exponents[free], ball=make_wide_ball(q.shape[1]))
+        beyond = differentiate_monomials(q, exponents[~free], ball=ball)
+        return tuple(torch.cat(pair, 1) for pair in zip(near, beyond, strict=True))
     levels, order, d = _raise_powers(clip.s, exponents), exponents.long(), q.shape[1]
     rows = []  # value, first and second derivative of the power of each coordinate
     for i in range(d):
@@ -186,21 +193,21 @@ def _raise_powers(s: Latents, exponents: Float[Tensor, "k d"]) -> Float[Tensor, 
 
 
 class PolynomialEnergy(nn.Module):
-    """``U(q, u) = V(s) - u.nu(s) + k |q - s|^2 / 2`` with polynomials ``V`` and ``nu`` in their coefficients.
+    """``U(q, u) = V - u.nu`` with polynomials ``V`` and ``nu`` in their coefficients.
 
-    Far outside the data the polynomials are bounded and a spring of stiffness ``k`` prevails, so that every
-    motion is bounded. `lagsplat.stage2.lagrangian.find_equilibria` counts the equilibria inside.
+    Quadratic ``V`` and linear ``nu`` are polynomials of the state, and what is of a higher degree of the
+    clipped state. So far outside the data a spring prevails, and where that is stable
+    (`measure_far_stiffness`) every motion is bounded under any input.
+    `lagsplat.stage2.lagrangian.find_equilibria` counts the equilibria inside.
 
     Args:
         d, n_inputs: coordinates and inputs.
         potential_degree, input_degree: degrees of ``V`` and of each ``nu``.
         ball: where ``s = q`` [whitened units].
-        far_stiffness: ``k``.
     """
 
     exponents: Tensor
     input_exponents: Tensor
-    far_stiffness: Tensor
     ball: Tensor
 
     def __init__(
@@ -211,11 +218,9 @@ class PolynomialEnergy(nn.Module):
         potential_degree: int,
         input_degree: int,
         ball: Ball,
-        far_stiffness: float,
     ) -> None:
         super().__init__()
         self.register_buffer("ball", ball.clone())
-        self.register_buffer("far_stiffness", torch.tensor(far_stiffness, dtype=torch.float64))
         exponents = list_exponents(d, lowest=1, highest=potential_degree)
         input_exponents = list_exponents(d, lowest=1, highest=input_degree)
         self.register_buffer("exponents", exponents, persistent=False)
@@ -231,7 +236,7 @@ class PolynomialEnergy(nn.Module):
         rest: Float[Tensor, " d"],
         pressure_map: Float[Tensor, "n_u d"],
     ) -> None:
-        """Set ``U = (q - rest).stiffness (q - rest) / 2 - u.pressure_map q``, as far as ``s`` is ``q``."""
+        """Set ``U = (q - rest).stiffness (q - rest) / 2 - u.pressure_map q``."""
         with torch.no_grad():
             self.coefficients.zero_()
             self.input_coefficients.zero_()
@@ -246,41 +251,51 @@ class PolynomialEnergy(nn.Module):
                     self.coefficients[k] = share * stiffness[axes[0], axes[1]]
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
-        """``V + k |q - s|^2 / 2``, up to a constant."""
-        value, _ = evaluate_monomials(q, self.exponents, ball=self.ball)
-        beyond = q - SoftClip(q, self.ball).s
-        return 0.5 * self.far_stiffness * beyond.square().sum(1) + value @ self.coefficients
+        """``V``, up to a constant."""
+        value, _ = evaluate_monomials(q, self.exponents, ball=self.ball, free_degree=SPRINGS)
+        return value @ self.coefficients
 
     def volume(self, q: Latents) -> Inputs:
         """``nu`` of each input, zero at ``q = 0``."""
-        value, _ = evaluate_monomials(q, self.input_exponents, ball=self.ball)
+        value, _ = evaluate_monomials(q, self.input_exponents, ball=self.ball, free_degree=LOADS)
         return value @ self.input_coefficients.T
 
     def slope(self, q: Latents, u: Inputs) -> Latents:
         """``grad_q U``."""
-        _, gradient = evaluate_monomials(q, self.exponents, ball=self.ball)
-        clip = SoftClip(q, self.ball)
+        _, gradient = evaluate_monomials(q, self.exponents, ball=self.ball, free_degree=SPRINGS)
         slope = torch.einsum("k,bkd->bd", self.coefficients, gradient)
-        slope = slope + self.far_stiffness * clip.weigh_far()[0] * clip.z
         if u.shape[1]:
-            _, gradient = evaluate_monomials(q, self.input_exponents, ball=self.ball)
+            _, gradient = evaluate_monomials(q, self.input_exponents, ball=self.ball, free_degree=LOADS)
             slope = slope - torch.einsum("bk,bkd->bd", u @ self.input_coefficients, gradient)
         return slope
 
     def differentiate(self, q: Latents, u: Inputs) -> tuple[Latents, Float[Tensor, "B d d"]]:
         """Slope and stiffness of ``U``."""
-        _, elastic, elastic_bend = differentiate_monomials(q, self.exponents, ball=self.ball)
-        _, pushed, pushed_bend = differentiate_monomials(q, self.input_exponents, ball=self.ball)
-        loads, clip = u @ self.input_coefficients, SoftClip(q, self.ball)
+        (elastic, elastic_bend), (pushed, pushed_bend) = self.differentiate_terms(q)
+        loads = u @ self.input_coefficients
         slope = self.coefficients @ elastic - (loads[:, None] @ pushed)[:, 0]
         stiffness = torch.einsum("k,bkil->bil", self.coefficients, elastic_bend)
-        stiffness = stiffness - torch.einsum("bk,bkil->bil", loads, pushed_bend)
-        if not clip.all_inside:
-            share, growth = (self.far_stiffness * part for part in clip.weigh_far())
-            slope = slope + share * clip.z
-            far = torch.diag_embed(share.expand_as(q))
-            stiffness = stiffness + far + growth[:, :, None] * clip.z[:, :, None] * clip.z[:, None]
-        return slope, stiffness
+        return slope, stiffness - torch.einsum("bk,bkil->bil", loads, pushed_bend)
+
+    def differentiate_terms(
+        self, q: Latents
+    ) -> tuple[
+        tuple[Float[Tensor, "B k d"], Float[Tensor, "B k d d"]],
+        tuple[Float[Tensor, "B m d"], Float[Tensor, "B m d d"]],
+    ]:
+        """Gradients and second derivatives of the monomials of ``V``, and of those of ``nu``."""
+        _, *elastic = differentiate_monomials(q, self.exponents, ball=self.ball, free_degree=SPRINGS)
+        _, *pushed = differentiate_monomials(q, self.input_exponents, ball=self.ball, free_degree=LOADS)
+        return (elastic[0], elastic[1]), (pushed[0], pushed[1])
+
+    @torch.no_grad()
+    def measure_far_stiffness(self) -> float:
+        """Smallest stiffness of the spring that is left far outside; if positive, motions are bounded."""
+        squares = (self.exponents.sum(1) == SPRINGS).double() * self.coefficients
+        origin = self.coefficients.new_zeros(1, self.exponents.shape[1])
+        wide = make_wide_ball(self.exponents.shape[1])
+        bends = differentiate_monomials(origin, self.exponents, ball=wide)[2][0]
+        return float(torch.linalg.eigvalsh(torch.einsum("k,kij->ij", squares, bends))[0])
 
 
 class PolynomialSum(nn.Module):
@@ -455,10 +470,10 @@ def list_law_arrays(
         volumes,
         len(elastic),
         pushed.shape[1],
+        1 + len(list_exponents(frame.d, lowest=1, highest=SPRINGS)),
         frame.coefficients.detach().numpy(),
         mass.factor.detach().tril().numpy(),
         damping.factor.detach().tril().numpy(),
         float(mass.floor),
         float(damping.floor),
-        float(energy.far_stiffness),
     )

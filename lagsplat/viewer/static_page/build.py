@@ -24,7 +24,7 @@ from lagsplat.stage2.numpy_lagrangian import (
     PolynomialSpd,
     SpdField,
 )
-from lagsplat.stage2.polynomials import ROOM
+from lagsplat.stage2.polynomials import LOADS, ROOM, SPRINGS
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
 from lagsplat.viewer.simulation.session import Session
 
@@ -217,11 +217,10 @@ def pack_spd_field(field: SpdField | ConstantSpd | PolynomialSpd) -> dict[str, A
 
 def _pack_energy(energy: PolynomialForces) -> dict[str, Any]:
     return {
-        "elastic": _pack_monomials(energy.exponents, energy.ball),
-        "pushed": _pack_monomials(energy.input_exponents, energy.ball),
+        "elastic": _pack_monomials(energy.exponents, energy.ball) | {"freeDegree": SPRINGS},
+        "pushed": _pack_monomials(energy.input_exponents, energy.ball) | {"freeDegree": LOADS},
         "coefficients": energy.coefficients,
         "inputCoefficients": energy.input_coefficients,
-        "farStiffness": energy.far_stiffness,
         "atRest": energy.at_rest,
     }
 
@@ -233,4 +232,4 @@ def _pack_map(coordinates: CoordinatesInArrays) -> dict[str, Any]:
 
 
 def _pack_monomials(exponents: np.ndarray, ball: np.ndarray) -> dict[str, Any]:
-    return {"exponents": exponents, "ball": ball, "room": ROOM}
+    return {"exponents": exponents, "ball": ball, "room": ROOM, "freeDegree": 0}

@@ -29,44 +29,57 @@ def test_monomials_are_counted_once_and_by_degree() -> None:
 
 
 @pytest.mark.parametrize("radius", [0.5, 9.0])  # the state is outside and inside
-def test_slopes_are_those_of_the_values(radius: float) -> None:
+@pytest.mark.parametrize("free_degree", [0, 2])
+def test_slopes_are_those_of_the_values(radius: float, free_degree: int) -> None:
     exponents = list_exponents(3, lowest=1, highest=4)
     q = torch.randn(3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     ball = torch.tensor([0.1, 0.2, -0.3, radius], dtype=torch.float64)
-    wanted = jacobian(lambda x: evaluate_monomials(x[None], exponents, ball=ball)[0][0], q)
-    value, slope, bend = differentiate_monomials(q[None], exponents, ball=ball)
+    wanted = jacobian(
+        lambda x: evaluate_monomials(x[None], exponents, ball=ball, free_degree=free_degree)[0][0], q
+    )
+    value, slope, bend = differentiate_monomials(q[None], exponents, ball=ball, free_degree=free_degree)
     torch.testing.assert_close(slope[0], wanted)
-    for one, other in zip((value, slope), evaluate_monomials(q[None], exponents, ball=ball), strict=True):
+    for one, other in zip(
+        (value, slope),
+        evaluate_monomials(q[None], exponents, ball=ball, free_degree=free_degree),
+        strict=True,
+    ):
         torch.testing.assert_close(one, other)
-    wanted = jacobian(lambda x: evaluate_monomials(x[None], exponents, ball=ball)[1][0], q)
+    wanted = jacobian(
+        lambda x: evaluate_monomials(x[None], exponents, ball=ball, free_degree=free_degree)[1][0], q
+    )
     torch.testing.assert_close(bend[0], wanted)
 
 
-def test_an_energy_set_to_a_quadratic_is_one_near_the_data() -> None:
+@pytest.mark.parametrize("radius", [0.5, 9.0])
+def test_an_energy_set_to_a_quadratic_is_one_everywhere(radius: float) -> None:
     generator = torch.Generator().manual_seed(0)
     factor = torch.randn(2, 2, dtype=torch.float64, generator=generator)
     stiffness = factor @ factor.T + torch.eye(2, dtype=torch.float64)
     rest, pressure_map = torch.randn(2, 2, dtype=torch.float64, generator=generator), torch.eye(2).double()
-    energy = PolynomialEnergy(
-        2, 2, potential_degree=4, input_degree=3, ball=make_wide_ball(2, 1e4), far_stiffness=0.1
-    )
+    energy = PolynomialEnergy(2, 2, potential_degree=4, input_degree=3, ball=make_wide_ball(2, radius))
     energy.set_quadratic(stiffness, rest[0], pressure_map)
     q, u = torch.randn(2, 5, 2, dtype=torch.float64, generator=generator)
     wanted = (q - rest[0]) @ stiffness - u @ pressure_map
-    torch.testing.assert_close(energy.slope(q, u), wanted, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(energy.slope(q, u), wanted)
+    torch.testing.assert_close(energy.differentiate(q, u)[1], stiffness.expand(5, 2, 2))
 
 
 def test_far_away_only_a_spring_is_left() -> None:
-    energy = PolynomialEnergy(
-        2, 1, potential_degree=4, input_degree=3, ball=make_wide_ball(2, 3.0), far_stiffness=0.1
-    )
+    energy = PolynomialEnergy(2, 1, potential_degree=4, input_degree=3, ball=make_wide_ball(2, 3.0))
     with torch.no_grad():
         energy.coefficients.fill_(-5.0)
         energy.input_coefficients.fill_(7.0)
+        energy.coefficients[2:5] = torch.tensor([0.2, 0.1, 0.3])
     q = torch.tensor([[6e9, -6e9]], dtype=torch.float64)
-    torch.testing.assert_close(energy.slope(q, torch.ones(1, 1).double()), 0.1 * q)
+    stiffness = torch.tensor([[0.4, 0.1], [0.1, 0.6]], dtype=torch.float64)
+    torch.testing.assert_close(energy.slope(q, torch.ones(1, 1).double()), q @ stiffness)
     values = energy.potential(q * torch.logspace(-9, 0, 50).double()[:, None])
     assert (values.diff()[5:] > 0.0).all()
+    assert energy.measure_far_stiffness() == pytest.approx(0.5 - np.sqrt(0.02))
+    with torch.no_grad():
+        energy.coefficients[3] = 1.0
+    assert energy.measure_far_stiffness() < 0.0
 
 
 @pytest.mark.parametrize("d", [1, 3])

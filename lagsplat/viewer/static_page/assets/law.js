@@ -142,8 +142,9 @@ class SoftClip {
 
 /** Monomials of the clipped state, as `polynomials.evaluate_monomials`. */
 class Monomials {
-  constructor({ exponents, ball, room }) {
+  constructor({ exponents, ball, room, freeDegree }) {
     Object.assign(this, { exponents, ball, room });
+    this.free = exponents.map((row) => row.reduce((x, e) => x + e, 0) <= freeDegree);
   }
   clip(q) {
     return new SoftClip(q, this.ball, this.room);
@@ -151,11 +152,15 @@ class Monomials {
   /** Values, and a row of slopes for each. */
   at(q) {
     const clip = this.clip(q);
-    const power = (i, e) => (e > 0 ? clip.s[i] ** e : 1);
-    const product = (row, skip) => row.reduce((x, e, i) => (i === skip ? x : x * power(i, e)), 1);
-    const slope = (row, i) => (row[i] ? row[i] * power(i, row[i] - 1) * product(row, i) : 0);
-    const slopes = this.exponents.map((row) => clip.pullBack(q.map((_, i) => slope(row, i))));
-    return [this.exponents.map((row) => product(row, -1)), slopes];
+    const power = (x, e) => (e > 0 ? x ** e : 1);
+    const product = (row, s, skip) => row.reduce((x, e, i) => (i === skip ? x : x * power(s[i], e)), 1);
+    const slope = (row, s, i) => (row[i] ? row[i] * power(s[i], row[i] - 1) * product(row, s, i) : 0);
+    const slopes = this.exponents.map((row, k) => {
+      const s = this.free[k] ? q : clip.s;
+      const own = q.map((_, i) => slope(row, s, i));
+      return this.free[k] ? own : clip.pullBack(own);
+    });
+    return [this.exponents.map((row, k) => product(row, this.free[k] ? q : clip.s, -1)), slopes];
   }
   /** First and second derivatives along `q + t v`. */
   along(q, v) {
@@ -330,9 +335,7 @@ class PolynomialLaw extends Law {
   conservativeForce(latents, u) {
     const { energy, edits } = this;
     const [q, jacobian] = this.map.at(latents);
-    const clip = this.elastic.clip(q);
-    let slope = q.map((x, i) => energy.farStiffness * (x - clip.s[i]) * (1 - clip.slope));
-    slope = plus(slope, applyTransposed(this.elastic.at(q)[1], energy.coefficients)).map((x) => x * edits.stiffness);
+    let slope = applyTransposed(this.elastic.at(q)[1], energy.coefficients).map((x) => x * edits.stiffness);
     if (u.length) slope = plus(slope, applyTransposed(this.pushed.at(q)[1], applyTransposed(energy.inputCoefficients, u)), -1);
     return applyTransposed(jacobian, slope).map((x) => -x);
   }
@@ -356,9 +359,7 @@ class PolynomialLaw extends Law {
   potential(latents) {
     const { energy } = this;
     const [q] = this.map.at(latents);
-    const beyond = plus(q, this.elastic.clip(q).s, -1);
-    const value = 0.5 * energy.farStiffness * dot(beyond, beyond) + dot(this.elastic.at(q)[0], energy.coefficients);
-    return this.edits.stiffness * (value - energy.atRest);
+    return this.edits.stiffness * (dot(this.elastic.at(q)[0], energy.coefficients) - energy.atRest);
   }
   advance(q, w, accelerate, h) {
     const stages = [];
