@@ -2,7 +2,8 @@
 
 The start has the degrees with which the weak form forecasts best. A map into the coordinates of the law
 grows first: an encoder that bends the coordinates bends every term of the law alike. Then the energies grow,
-and the frame of mass and damping.
+and the frame of mass and damping. The last part of the clip is withheld until the law has its terms, and no
+term may worsen the forecasts there: evidence alone does not see what a law does where it was not fitted.
 """
 
 import copy
@@ -21,7 +22,7 @@ from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.uncertainty import draw_parameters
-from lagsplat.stage2.validation import ForecastErrors
+from lagsplat.stage2.validation import INDIFFERENT_RATIO, ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
@@ -42,6 +43,7 @@ LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
 ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
+WITHHELD = 0.25  # share of the frames
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -95,6 +97,8 @@ class LikelihoodFit:
         self.settings, self.time_unit_s = config.likelihood, time_unit_s
         self.seed, self.measure = seed, measure
         self.period_frames = period_frames
+        self.n_shown = round((1.0 - WITHHELD) * len(measured.latents))
+        self.shown = measured.part(0, self.n_shown)
         # in several coordinates polynomials of high degree are free wherever the recording is thin
         form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
         self.most = Degrees(
@@ -109,10 +113,12 @@ class LikelihoodFit:
     def choose_start(self) -> FittedLaw:
         """The simplest law of the weak form that forecasts as well as the best, with bumps of several widths.
 
+        What counts are forecasts of the frames that are withheld from it.
+
         Raises:
             ValueError: no segment is as long as a bump.
         """
-        longest = max(stop - start for start, stop in self.measured.segments)
+        longest = max(stop - start for start, stop in self.shown.segments)
         widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
         fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
         noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
@@ -120,13 +126,14 @@ class LikelihoodFit:
         for degrees, width in product(reversed(self.ladder), fitting):
             form = self.form.with_degrees(degrees)
             law = fit_weak_form(
-                self.measured, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
+                self.shown, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
             )
             period = self._set_time_scales(law)
             errors = self.measure("start", law, width, float("nan"))
             starts.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise)))
-        starts.sort(key=lambda start: start.errors.score)
-        as_good = [start for start in starts if not start.errors.is_worse_than(starts[0].errors)]
+        ahead = {id(start): start.errors.from_frame(self.n_shown) for start in starts}
+        starts.sort(key=lambda start: ahead[id(start)].score)
+        as_good = [start for start in starts if not ahead[id(start)].is_worse_than(ahead[id(starts[0])])]
         return max(as_good, key=lambda start: self.ladder.index(start.law.form.degrees))
 
     def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
@@ -214,11 +221,13 @@ class LikelihoodFit:
         return accepted
 
     def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
-        """The law with terms of higher ``degrees`` where the evidence for it is greater, or itself."""
+        """The law with terms of higher ``degrees`` where evidence and withheld frames are for it, or itself."""
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
         grown = self._tighten(start, self._list_legs(law.coupling), part=2)
-        return law if grown is start else grown
+        before, after = (each.errors.from_frame(self.n_shown) for each in (law, grown))
+        refused = grown is start or after.score > INDIFFERENT_RATIO * before.score
+        return law if refused else grown
 
     def _list_legs(self, coupling: float) -> Sequence[tuple[float, float]]:
         """Legs from one that is looser on: such windows let go of what a law has made of the motion."""
@@ -235,9 +244,13 @@ class LikelihoodFit:
         least_share: float = 0.0,
         hold_law: bool = False,
     ) -> FittedLaw:
-        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
+        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many.
+
+        Frames are withheld from all but the last fit, of all frames.
+        """
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
-        segments = choose_stretches(self.measured.segments, frames=frames)
+        used = self.measured if part == 1 else self.shown
+        segments = choose_stretches(used.segments, frames=frames)
         n = round(share * self.settings.periods * start.period_frames)
         longest = max(stop - begin for begin, stop in segments) - 1
         law = copy.deepcopy(start.law)

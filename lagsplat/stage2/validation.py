@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from scipy.stats import ttest_1samp
 from torch import Tensor
 
@@ -30,15 +30,24 @@ class ForecastErrors:
     Args:
         each: one number a rollout, infinite where it diverged.
         distinct: how many of the rollouts do not overlap; neighbours do.
+        starts: frame at which each begins.
     """
 
     each: Float64[np.ndarray, " B"]
     distinct: int
+    starts: Int[np.ndarray, " B"]
 
     @property
     def score(self) -> float:
         """Root of the mean; infinite if any rollout diverged."""
         return float(np.sqrt(self.each.mean()))
+
+    def from_frame(self, first: int) -> "ForecastErrors":
+        """Errors of the rollouts that begin at a frame or later; of all if none does."""
+        late = self.starts >= first
+        if not late.any():
+            return self
+        return ForecastErrors(self.each[late], max(1, round(self.distinct * late.mean())), self.starts[late])
 
     def is_worse_than(self, other: "ForecastErrors") -> bool:
         """Whether these errors are larger than those of another law on the same windows, and not by chance.
@@ -64,6 +73,7 @@ class ValidationTask:
     metric: Tensor
     mean_square: float
     distinct: int
+    starts: Int[np.ndarray, " B"]
 
     def measure(self, lagrangian: Lagrangian) -> ForecastErrors:
         """Roll a law out and measure what it misses."""
@@ -73,7 +83,7 @@ class ValidationTask:
         else:
             q = rollout_polynomial_law(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
         errors = objective.square_norm(q - shots.targets, self.metric).mean(1).numpy() / self.mean_square
-        return ForecastErrors(np.where(np.isfinite(errors), errors, np.inf), self.distinct)
+        return ForecastErrors(np.where(np.isfinite(errors), errors, np.inf), self.distinct, self.starts)
 
 
 def draw_validation_task(
@@ -93,4 +103,4 @@ def draw_validation_task(
     mean_square = float(objective.square_norm(offset, metric).mean())
     targets = cut_shooting_targets(trajectory, at, n_states=n_states, time_unit_s=1.0)
     distinct = min(len(at), max(1, sum(b - a for a, b in trajectory.segments) // n_states))
-    return ValidationTask(targets, metric, mean_square, distinct)
+    return ValidationTask(targets, metric, mean_square, distinct, at)

@@ -72,28 +72,39 @@ def test_the_true_dynamics_scores_near_zero_and_a_diverging_one_infinite() -> No
     assert torch.equal(lagrangian.rest.detach(), kept)
 
 
+def forecast_errors(each: np.ndarray, distinct: int) -> ForecastErrors:
+    return ForecastErrors(each, distinct, np.arange(len(each)))
+
+
+def test_errors_from_a_frame_on_are_those_of_later_rollouts() -> None:
+    errors = ForecastErrors(np.array([1.0, 4.0, 9.0, 16.0]), 4, np.array([0, 10, 20, 30]))
+    late = errors.from_frame(15)
+    assert (late.each.tolist(), late.distinct, late.starts.tolist()) == ([9.0, 16.0], 2, [20, 30])
+    assert errors.from_frame(31) is errors
+
+
 def test_a_law_is_worse_only_by_more_than_chance_and_more_than_a_tenth() -> None:
     rng = np.random.default_rng(0)
-    errors = ForecastErrors(np.exp(rng.standard_normal(60)), 20)
+    errors = forecast_errors(np.exp(rng.standard_normal(60)), 20)
     larger = errors.each * np.exp(0.1 * rng.standard_normal(60))
-    assert ForecastErrors(1.5 * larger, 20).is_worse_than(errors)
-    assert not errors.is_worse_than(ForecastErrors(1.5 * larger, 20))
-    assert not ForecastErrors(1.1 * larger, 20).is_worse_than(errors)  # in rms by less than a tenth
+    assert forecast_errors(1.5 * larger, 20).is_worse_than(errors)
+    assert not errors.is_worse_than(forecast_errors(1.5 * larger, 20))
+    assert not forecast_errors(1.1 * larger, 20).is_worse_than(errors)  # in rms by less than a tenth
     # one window of twenty makes the mean larger, and says nothing of the others
     single = errors.each * np.where(np.arange(60) < 3, 30.0, 0.99)
-    assert ForecastErrors(single, 20).score > 1.4 * errors.score
-    assert not ForecastErrors(single, 20).is_worse_than(errors)
+    assert forecast_errors(single, 20).score > 1.4 * errors.score
+    assert not forecast_errors(single, 20).is_worse_than(errors)
 
 
 def test_a_law_that_diverges_once_is_worse() -> None:
-    errors = ForecastErrors(np.ones(8), 8)
-    assert ForecastErrors(np.array([*errors.each[1:], np.inf]), 8).is_worse_than(errors)
-    assert not errors.is_worse_than(ForecastErrors(np.array([*errors.each[1:], np.inf]), 8))
+    errors = forecast_errors(np.ones(8), 8)
+    assert forecast_errors(np.array([*errors.each[1:], np.inf]), 8).is_worse_than(errors)
+    assert not errors.is_worse_than(forecast_errors(np.array([*errors.each[1:], np.inf]), 8))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_equally_good_laws_are_rarely_called_different(seed) -> None:
     rng = np.random.default_rng(seed)
     pairs = rng.standard_normal((200, 2, 20))
-    called = [ForecastErrors(np.exp(a), 20).is_worse_than(ForecastErrors(np.exp(b), 20)) for a, b in pairs]
+    called = [forecast_errors(np.exp(a), 20).is_worse_than(forecast_errors(np.exp(b), 20)) for a, b in pairs]
     assert np.mean(called) < 0.1
