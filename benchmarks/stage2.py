@@ -17,7 +17,7 @@ from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
 from lagsplat.stage2.polynomials import make_wide_ball
-from lagsplat.stage2.rollout import ShootingWindows, rollout, rollout_polynomial_law
+from lagsplat.stage2.rollout import ShootingWindows, rollout, rollout_in_torch
 
 D, N_INPUTS, BATCH, STEPS = 4, 4, 32, 47_000
 
@@ -108,8 +108,8 @@ def main() -> None:
     forecast = seconds(lambda: rollout(lagrangian, 0.1 * start[0], start[1], drive, dt_s=0.0167), 3)
     law, steps = polynomial_law(), drive.repeat(1, 2, 1)
     start = 0.3 * start
-    by_torch = seconds(lambda: rollout(law, start[0], start[1], steps, dt_s=0.0167), 3)
-    compiled = seconds(lambda: rollout_polynomial_law(law, start[0], start[1], steps, dt_s=0.0167), 3)
+    by_torch = seconds(lambda: rollout_in_torch(law, start[0], start[1], steps, dt_s=0.0167), 3)
+    compiled = seconds(lambda: rollout(law, start[0], start[1], steps, dt_s=0.0167), 3)
     print(f"one Adam step of {BATCH} windows   {1e3 * written:8.2f} ms")
     print(f"the same by automatic gradients {1e3 * automatic:8.2f} ms   ratio {automatic / written:.1f}")
     print(f"{STEPS} steps                     {written * STEPS / 60:8.1f} min  (mark: 8)")

@@ -221,7 +221,7 @@ class LikelihoodFit:
         return accepted
 
     def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
-        """The law with terms of higher ``degrees`` where evidence and withheld frames are for it, or itself."""
+        """The law with terms of higher ``degrees`` if evidence and withheld frames are for it, or itself."""
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
         grown = self._tighten(start, self._list_legs(law.coupling), part=2)

@@ -1,4 +1,4 @@
-"""Velocity-Verlet rollouts of the learned dynamics, and training windows cut from a trajectory."""
+"""Rollouts of the learned dynamics, and training windows cut from a trajectory."""
 
 import math
 from dataclasses import dataclass
@@ -27,10 +27,32 @@ def rollout(
 
     Input ``i`` is constant from state ``i`` to ``i + 1`` and the last one is unused, unless the law is
     integrated by the Runge-Kutta method, which interpolates the inputs. Divergence never raises: a row that
-    overflows is NaN from there on.
+    overflows is NaN from there on. A law of polynomial terms is rolled out in its own coordinates, by
+    compiled code.
 
     ``dt_s`` [s] is one number, or ``N - 1`` of them for all rows or for each row.
     """
+    if lagrangian.energy is None or inputs.shape[1] < 2:
+        return rollout_in_torch(lagrangian, q0, v0, inputs, dt_s=dt_s)
+    energy, mass, damping = lagrangian.polynomials
+    coordinates, unit, d = lagrangian.coordinates, float(lagrangian.time_unit_s), lagrangian.d
+    assert coordinates is not None
+    steps = torch.as_tensor(dt_s, dtype=torch.float64).expand(len(q0), inputs.shape[1] - 1) / unit
+    held = interpolate_inputs(inputs.double(), nodes=2 * split_inputs(steps, lagrangian.longest_step) + 1)
+    starts = torch.cat(coordinates.push(q0.double(), v0.double() * unit), 1)
+    law = list_law_arrays(energy, mass, damping)
+    path = torch.from_numpy(roll_out(law, starts.numpy(), held.contiguous().numpy(), steps.numpy()))
+    q = coordinates.invert(path[..., :d].flatten(0, 1))
+    _, jacobian = coordinates.evaluate(q)
+    v = torch.linalg.solve_ex(jacobian, path[..., d:].reshape(-1, d, 1))[0]
+    return q.view(*path.shape[:2], d), v.view(*path.shape[:2], d) / unit
+
+
+@torch.no_grad()
+def rollout_in_torch(
+    lagrangian: Lagrangian, q0: Latents, v0: Latents, inputs: Float[Tensor, "B N n_u"], *, dt_s: Steps
+) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
+    """Roll out as `rollout` does any law, in the coordinates of the latents."""
     unit = float(lagrangian.time_unit_s)
     ready, inputs = lagrangian.prepare(), inputs.double()
     q, v, steps = q0.double(), v0.double() * unit, dt_s / unit
@@ -45,22 +67,6 @@ def rollout(
         positions.append(q)
         velocities.append(v)
     return torch.stack(positions, 1), torch.stack(velocities, 1) / unit
-
-
-@torch.no_grad()
-def rollout_polynomial_law(
-    lagrangian: Lagrangian, q0: Latents, v0: Latents, inputs: Float[Tensor, "B N n_u"], *, dt_s: Steps
-) -> Float[Tensor, "B N d"]:
-    """Roll out the states of a polynomial law as `rollout` does, but in its own coordinates and compiled."""
-    energy, mass, damping = lagrangian.polynomials
-    coordinates, unit = lagrangian.coordinates, float(lagrangian.time_unit_s)
-    assert coordinates is not None
-    steps = torch.as_tensor(dt_s, dtype=torch.float64).expand(len(q0), inputs.shape[1] - 1) / unit
-    held = interpolate_inputs(inputs.double(), nodes=2 * split_inputs(steps, lagrangian.longest_step) + 1)
-    starts = torch.cat(coordinates.push(q0.double(), v0.double() * unit), 1)
-    law = list_law_arrays(energy, mass, damping)
-    path = torch.from_numpy(roll_out(law, starts.numpy(), held.contiguous().numpy(), steps.numpy()))
-    return coordinates.invert(path[..., : lagrangian.d].flatten(0, 1)).view(*path.shape[:2], -1)
 
 
 Step = float | Float[Tensor, "#B 1"] | Float[Tensor, "1"]

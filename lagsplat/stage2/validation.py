@@ -16,7 +16,6 @@ from lagsplat.stage2.rollout import (
     cut_shooting_targets,
     list_starts,
     rollout,
-    rollout_polynomial_law,
 )
 
 CHANCE = 0.05  # that equally good laws are called different
@@ -78,10 +77,7 @@ class ValidationTask:
     def measure(self, lagrangian: Lagrangian) -> ForecastErrors:
         """Roll a law out and measure what it misses."""
         shots = self.shots
-        if lagrangian.energy is None:
-            q, _ = rollout(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
-        else:
-            q = rollout_polynomial_law(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
+        q, _ = rollout(lagrangian, shots.q, shots.v, shots.inputs, dt_s=shots.steps)
         errors = objective.square_norm(q - shots.targets, self.metric).mean(1).numpy() / self.mean_square
         return ForecastErrors(np.where(np.isfinite(errors), errors, np.inf), self.distinct, self.starts)
 
