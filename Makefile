@@ -10,7 +10,7 @@ export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
 
-.PHONY: krauss physical view test scenarios lint types workflow docs
+.PHONY: krauss physical view test campaigns scenarios lint types workflow docs
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -35,6 +35,10 @@ test: .venv/.installed
 	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync types scenarios lint workflow docs
 	@$(BIN)/python -m pytest tests/browser
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore=tests/browser --ignore=tests/scenarios
+
+# What takes too long for every change: the sealed check of the diagnosis and the methods beside it.
+campaigns: .venv/.installed
+	$(BIN)/python -m pytest -m campaign -n $(CORES) --dist loadfile
 
 scenarios: .venv/.installed
 	$(BIN)/python -m pytest --quiet tests/scenarios

@@ -17,7 +17,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The files that take minutes come first, the longest foremost, so that no core waits at the end."""
-    longest = ("test_toy.py", "test_blind.py", "test_plan.py")
+    longest = ("test_toy.py", "test_plan.py")
     items.sort(key=lambda item: longest.index(item.path.name) if item.path.name in longest else len(longest))
 
 

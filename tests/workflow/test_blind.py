@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SPLIT = Path("results/toy/gap_blind/toy/T0")
 TABLE = "results/tables/gap_blind"
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.campaign]
 
 
 def snakemake(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

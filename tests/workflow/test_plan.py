@@ -82,7 +82,8 @@ def planned(folder: Path, *arguments: str) -> str:
 def test_every_target_plans(tmp_path: Path, profile: str) -> None:
     system = "toy" if profile == "toy" else "krauss_2seg"
     targets = [target.format(profile=profile, system=system) for target in TARGETS]
-    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile}")
+    few = "seeds=[0] baseline_seeds=[0] forecaster_seeds=[0] blind.t0=10 blind.t1=10"
+    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile} {few}")
     for rule in (
         "simulate",
         "stage1",
@@ -302,11 +303,6 @@ def test_what_cannot_be_run_stops_at_planning(tmp_path: Path, config: str, words
     for word in words:
         assert word in done.stdout + done.stderr
     assert not (tmp_path / "results").exists()
-
-
-def test_the_workflow_lints(tmp_path: Path) -> None:
-    done = snakemake(tmp_path, "--lint")
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_every_rule_says_what_it_does_where_it_logs_and_what_it_costs() -> None:

@@ -210,12 +210,12 @@ def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Pat
     assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
     with (results / "results/tables/gap.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [row["planted"] for row in rows] == ["", "none", "mass_change"]
+    assert [row["planted"] for row in rows] == ["", "mass_change"]
     assert {row["recording"] for row in rows} == {"simulated"}
     assert all(row["verdict"] in ("none", "effect", "unknown", "undetermined") for row in rows)
     # a toy's forecasts are too poor to tell a load by
     assert all(float(row["before"]) > 0.0 for row in rows)
-    for against in ("held_out", "none", "mass_change"):
+    for against in ("held_out", "mass_change"):
         place = results / HERE / "default-0/default-0/gap" / against
         assert {path.name for path in place.iterdir()} >= {
             "diagnosis.json",

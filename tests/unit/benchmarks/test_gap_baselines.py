@@ -20,7 +20,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "linear_stiffness": {"stiffness": 44.0},
     "none": {},
 }
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.campaign]
 
 FITTING = [name for name in METHODS if name != "chance"]
 
