@@ -73,9 +73,11 @@ def fit_weak_form(
     curvatures = _list_curvatures(q, u, exponents, input_exponents)
     offset = d * curvatures[:, squares[0]]
     curvatures[:, squares[1:]] -= curvatures[:, squares[:1]]
+    columns = np.concatenate([static, inertia, viscous, -target[:, None]], axis=1)
+    flat = columns.reshape(len(columns), -1)
+    products = (flat.T @ flat / len(flat)).reshape(*columns.shape[1:], *columns.shape[1:])
     balance = _Balance(
-        np.concatenate([static, inertia, viscous], axis=1),
-        target,
+        products.transpose(1, 3, 0, 2).copy(),
         np.delete(curvatures, squares[0], axis=1),
         offset,
         # a mode above half the frame rate shows in no film
@@ -199,21 +201,21 @@ def _list_curvatures(
 
 @dataclass(frozen=True)
 class _Balance:
-    """Balance of forces ``columns.y = target`` of all bumps; ``y`` are static coefficients, then M and C.
+    """Balance of forces of all bumps; unknown are static coefficients, then M and C, then one that is 1.
 
-    The loaded stiffness at some states is ``offset + curvatures.static``; ``least_mass`` is the smallest
-    eigenvalue of the mass.
+    Forces are linear in these, so that products of columns, summed over the bumps, are all that is needed of
+    them. The loaded stiffness at some states is ``offset + curvatures.static``; ``least_mass`` is the
+    smallest eigenvalue of the mass.
     """
 
-    columns: Columns
-    target: Series
+    products: Float64[np.ndarray, "d d p1 p1"]  # means over the bumps
     curvatures: Curvatures
     offset: Float64[np.ndarray, "s d d"]
     least_mass: float
 
     def minimize_displacements(self) -> tuple[np.ndarray, Matrix, Matrix]:
         """Static coefficients, mass and damping that leave the smallest errors as displacements."""
-        d, k = self.target.shape[1], self.curvatures.shape[1]
+        d, k = self.offset.shape[1], self.curvatures.shape[1]
         eye = np.eye(d)
         mean, offset = self.curvatures.mean(0), self.offset.mean(0)
         level = np.linalg.lstsq(mean.reshape(k, -1).T, (eye - offset).ravel(), rcond=None)[0]
@@ -228,27 +230,23 @@ class _Balance:
         return theta[:k], mass, damping
 
     def _minimize(self, start: np.ndarray, scale: np.ndarray, convexity: float) -> np.ndarray:
-        def misfit(z: np.ndarray) -> float:
-            return 0.5 * float(np.square(self._miss(scale * z, convexity)[0]).sum())
-
         @lru_cache(maxsize=1)
-        def slopes(z: bytes) -> tuple[np.ndarray, np.ndarray]:
-            theta = scale * np.frombuffer(z)
-            by_z = self._differentiate(theta, convexity) * scale
-            return by_z.T @ self._miss(theta, convexity)[0], by_z.T @ by_z
+        def differentiate(z: bytes) -> tuple[np.ndarray, np.ndarray]:
+            gradient, curvature = self._differentiate(scale * np.frombuffer(z), convexity)
+            return scale * gradient, scale[:, None] * curvature * scale
 
         solved = minimize(
-            misfit,
+            lambda z: self._measure_misfit(scale * z, convexity),
             start,
-            jac=lambda z: slopes(z.tobytes())[0],
-            hess=lambda z: slopes(z.tobytes())[1],  # of Gauss and Newton
+            jac=lambda z: differentiate(z.tobytes())[0],
+            hess=lambda z: differentiate(z.tobytes())[1],  # of Gauss and Newton
             method="trust-exact",
             options={"maxiter": MOST_STEPS, "gtol": CONVERGED},
         )
         return solved.x
 
     def _unpack(self, theta: np.ndarray) -> Float64[np.ndarray, "2 d d"]:
-        d = self.target.shape[1]
+        d = self.offset.shape[1]
         lower = np.zeros((2, d, d))
         lower[:, *np.tril_indices(d)] = theta[self.curvatures.shape[1] :].reshape(2, -1)
         return lower
@@ -257,42 +255,69 @@ class _Balance:
         least = np.array([self.least_mass, 0.0])[:, None, None] * np.eye(lower.shape[1])
         return lower @ lower.swapaxes(1, 2) + least
 
-    def _miss(self, theta: np.ndarray, convexity: float) -> tuple[np.ndarray, Matrix, Series]:
-        """Residuals, their weight and the displacements alone."""
-        x, inner = theta[: self.curvatures.shape[1]], np.tril_indices(self.target.shape[1])
-        y = np.concatenate([x, *(matrix[inner] for matrix in self._multiply(self._unpack(theta)))])
+    def _open(self, theta: np.ndarray) -> tuple[np.ndarray, Matrix, Float64[np.ndarray, "s d d"]]:
+        """All coefficients, the compliance that weighs forces, and the loaded stiffness at some states."""
+        x, inner = theta[: self.curvatures.shape[1]], np.tril_indices(self.offset.shape[1])
+        y = np.concatenate([x, *(m[inner] for m in self._multiply(self._unpack(theta))), [1.0]])
         stiffness = self.offset + np.einsum("k,skij->sij", x, self.curvatures)
-        weight = np.linalg.inv(stiffness.mean(0))
-        short = np.maximum(LEAST_STIFFNESS - np.linalg.eigvalsh(stiffness)[:, 0], 0.0)
-        displacements = (np.tensordot(self.columns, y, axes=([1], [0])) - self.target) @ weight.T
-        root = np.sqrt(len(displacements))
-        prior = np.sqrt(RIDGE) * x * self._sizes
-        penalty = convexity * short / np.sqrt(len(short))
-        return np.concatenate([displacements.ravel() / root, prior, penalty]), weight, displacements
+        return y, np.linalg.inv(stiffness.mean(0)), stiffness
 
-    def _differentiate(self, theta: np.ndarray, convexity: float) -> np.ndarray:
-        _, weight, displacements = self._miss(theta, convexity)
-        k, d = self.curvatures.shape[1], self.target.shape[1]
+    def _measure_misfit(self, theta: np.ndarray, convexity: float) -> float:
+        """Half the mean square displacement, with prior and penalty of soft springs."""
+        y, weight, stiffness = self._open(theta)
+        forces = self.products @ y @ y
+        prior = RIDGE * np.square(theta[: self.curvatures.shape[1]] * self._sizes).sum()
+        short = np.maximum(LEAST_STIFFNESS - np.linalg.eigvalsh(stiffness)[:, 0], 0.0)
+        penalty = convexity**2 * np.square(short).mean()
+        return 0.5 * float(np.sum((weight.T @ weight) * forces) + prior + penalty)
+
+    def _differentiate(self, theta: np.ndarray, convexity: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of the misfit, and its second derivative after Gauss and Newton."""
+        y, weight, stiffness = self._open(theta)
+        k = self.curvatures.shape[1]
+        square = weight.T @ weight
+        along = (self.products @ y)[..., :-1]
+        forces = self.products @ y @ y
+        # the weight, too, depends on the static coefficients
+        bent = weight @ self.curvatures.mean(0) @ weight
+        by_y = np.einsum("ab,abm->m", square, along)
+        by_y[:k] -= np.einsum("kab,ab->k", bent, weight @ forces)
+        by_yy = np.tensordot(square, self._products_of_unknowns, 2)
+        mixed = np.einsum("kab,abm->mk", weight.T @ bent, along)
+        by_yy[:, :k] -= mixed
+        by_yy[:k] -= mixed.T
+        by_yy[:k, :k] += np.einsum("kab,lab->kl", bent @ forces, bent)
+        chain = self._differentiate_coefficients(theta)
+        gradient, curvature = chain @ by_y, chain @ by_yy @ chain.T
+        ridge = RIDGE * self._sizes**2
+        gradient[:k] += ridge * theta[:k]
+        curvature[np.arange(k), np.arange(k)] += ridge
+        values, vectors = np.linalg.eigh(stiffness)
+        short = convexity * np.maximum(LEAST_STIFFNESS - values[:, 0], 0.0)
+        weakest = vectors[:, :, 0] * (short > 0.0)[:, None]
+        softer = -convexity * np.einsum("si,skij,sj->sk", weakest, self.curvatures, weakest)
+        gradient[:k] += softer.T @ short / len(short)
+        curvature[:k, :k] += softer.T @ softer / len(short)
+        return gradient, curvature
+
+    def _differentiate_coefficients(self, theta: np.ndarray) -> Float64[np.ndarray, "q p"]:
+        """Derivatives of all coefficients by static ones and by the elements of both factors."""
+        k, d = self.curvatures.shape[1], self.offset.shape[1]
         rows, cols = np.tril_indices(d)
-        by_y = self.columns @ weight.T
-        bent = (weight @ self.curvatures.mean(0)).transpose(2, 0, 1).reshape(d, -1)
-        by_y[:, :k] -= (displacements @ bent).reshape(-1, k, d)
-        parts, n = [by_y[:, :k]], len(rows)
+        n, chain = len(rows), np.eye(len(theta))
+        units = np.zeros((n, d, d))
+        units[np.arange(n), rows, cols] = 1.0
         for start, lower in zip((k, k + n), self._unpack(theta), strict=True):
             # the lower triangle of L L^T by each element of L
-            units = np.zeros((n, d, d))
-            units[np.arange(n), rows, cols] = 1.0
-            chain = (units @ lower.T + lower @ units.swapaxes(1, 2))[:, rows, cols]
-            parts.append(chain @ by_y[:, start : start + n])
-        by_theta = np.concatenate(parts, axis=1).swapaxes(1, 2)
-        flat = by_theta.reshape(-1, len(theta)) / np.sqrt(len(displacements))
-        values, vectors = np.linalg.eigh(self.offset + np.einsum("k,skij->sij", theta[:k], self.curvatures))
-        weakest = vectors[:, :, 0] * (values[:, :1] < LEAST_STIFFNESS) * np.sqrt(convexity)
-        softer = np.zeros((len(weakest), len(theta)))
-        softer[:, :k] = -np.einsum("si,skij,sj->sk", weakest, self.curvatures, weakest)
-        ridge = np.eye(k, len(theta)) * np.sqrt(RIDGE) * self._sizes[:, None]
-        return np.concatenate([flat, ridge, softer / np.sqrt(len(softer))])
+            moved = units @ lower.T + lower @ units.swapaxes(1, 2)
+            chain[start : start + n, start : start + n] = moved[:, rows, cols]
+        return chain
+
+    @cached_property
+    def _products_of_unknowns(self) -> Float64[np.ndarray, "d d p p"]:
+        return self.products[..., :-1, :-1].copy()
 
     @cached_property
     def _sizes(self) -> np.ndarray:
-        return np.sqrt(np.mean(self.columns[:, : self.curvatures.shape[1]] ** 2, axis=(0, 2)))
+        squares = np.diagonal(np.trace(self.products) / self.offset.shape[1])
+        return np.sqrt(squares[: self.curvatures.shape[1]])
