@@ -139,6 +139,7 @@ def fit_dynamics(
             period_frames=fit.period_frames,
             seed=seed,
             measure=fit.score_law,
+            validate=fit.validation.measure,
         )
         start = likelihood.choose_start()
         chosen = likelihood.maximize(start)

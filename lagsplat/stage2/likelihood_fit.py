@@ -1,9 +1,10 @@
 """Fits a law of polynomial terms: weak form, then maximum likelihood with terms that grow by their evidence.
 
-The start has the degrees with which the weak form forecasts best. A map into the coordinates of the law
-grows first: an encoder that bends the coordinates bends every term of the law alike. Then the energies grow,
-and the frame of mass and damping. The last part of the clip is withheld until the law has its terms, and no
-term may worsen the forecasts there: evidence alone does not see what a law does where it was not fitted.
+The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
+it. A map into the coordinates of the law grows first: an encoder that bends the coordinates bends every term
+of the law alike. Then the energies grow, and the frame of mass and damping. One part of the clip is withheld
+until the law has its terms, and no term may worsen the forecasts there: evidence alone does not see what a
+law does where it was not fitted.
 """
 
 import copy
@@ -11,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -43,7 +44,7 @@ LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
 ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
-WITHHELD = 0.25  # share of the frames
+FOLDS, WITHHELD = 4, 2  # parts of the clip that are withheld in turn, and the one that sees no law grow
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -80,6 +81,7 @@ class LikelihoodFit:
         period_frames: a first guess of the slowest period.
         seed: of laws, which have no random weights.
         measure: errors of a law's forecasts, called with the stage, the law, the steps and the misfit.
+        validate: the same errors, of a law that is not reported.
     """
 
     def __init__(
@@ -92,13 +94,15 @@ class LikelihoodFit:
         period_frames: int,
         seed: int,
         measure: Callable[[str, Lagrangian, int, float], ForecastErrors],
+        validate: Callable[[Lagrangian], ForecastErrors],
     ) -> None:
         self.measured, self.smooth = measured, replace(smooth, inputs=measured.inputs)
         self.settings, self.time_unit_s = config.likelihood, time_unit_s
-        self.seed, self.measure = seed, measure
+        self.seed, self.measure, self.validate = seed, measure, validate
         self.period_frames = period_frames
-        self.n_shown = round((1.0 - WITHHELD) * len(measured.latents))
-        self.shown = measured.part(0, self.n_shown)
+        ends = np.linspace(0, len(measured.latents), FOLDS + 1).round().astype(int).tolist()
+        self.folds = list(pairwise(ends))
+        self.shown = leave_out(measured, *self.folds[WITHHELD])
         # in several coordinates polynomials of high degree are free wherever the recording is thin
         form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
         self.most = Degrees(
@@ -113,28 +117,46 @@ class LikelihoodFit:
     def choose_start(self) -> FittedLaw:
         """The simplest law of the weak form that forecasts as well as the best, with bumps of several widths.
 
-        What counts are forecasts of the frames that are withheld from it.
+        What counts are forecasts of frames that were withheld from it, in a cross-validation.
 
         Raises:
             ValueError: no segment is as long as a bump.
         """
-        longest = max(stop - start for start, stop in self.shown.segments)
+        longest = max(stop - start for start, stop in self.measured.segments)
         widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
         fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
         noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
-        starts = []
-        for degrees, width in product(reversed(self.ladder), fitting):
-            form = self.form.with_degrees(degrees)
-            law = fit_weak_form(
-                self.shown, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed
-            )
-            period = self._set_time_scales(law)
-            errors = self.measure("start", law, width, float("nan"))
-            starts.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise)))
-        ahead = {id(start): start.errors.from_frame(self.n_shown) for start in starts}
-        starts.sort(key=lambda start: ahead[id(start)].score)
-        as_good = [start for start in starts if not ahead[id(start)].is_worse_than(ahead[id(starts[0])])]
-        return max(as_good, key=lambda start: self.ladder.index(start.law.form.degrees))
+        starts, withheld = [], []
+        for degrees in reversed(self.ladder):
+            of_widths = []
+            for width in fitting:
+                law = self._fit_weak_form(self.measured, degrees, width)
+                period = self._set_time_scales(law)
+                errors = self.measure("start", law, width, float("nan"))
+                of_widths.append((width, FittedLaw(law, errors, period, noise, np.zeros_like(noise))))
+            width, start = min(of_widths, key=lambda each: each[1].errors.score)
+            starts.append(start)
+            withheld.append(self._cross_validate(start, width))
+        best = min(withheld, key=lambda errors: errors.score)
+        return next(
+            start for start, errors in zip(starts, withheld, strict=True) if not errors.is_worse_than(best)
+        )
+
+    def _fit_weak_form(self, trajectory: EncodedTrajectory, degrees: Degrees, width: int) -> Lagrangian:
+        form = self.form.with_degrees(degrees)
+        return fit_weak_form(trajectory, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
+
+    def _cross_validate(self, start: FittedLaw, width: int) -> ForecastErrors:
+        """Errors in each fold of laws fitted to the others; of the law itself where these are too short."""
+        parts = []
+        for fold in self.folds:
+            try:
+                law = self._fit_weak_form(leave_out(self.measured, *fold), start.law.form.degrees, width)
+            except ValueError:
+                return start.errors
+            law.longest_step = start.law.longest_step
+            parts.append(self.validate(law).of_frames(*fold))
+        return ForecastErrors.join(parts)
 
     def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
         """Draw parameters of laws that the recording allows as well.
@@ -225,7 +247,7 @@ class LikelihoodFit:
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
         grown = self._tighten(start, self._list_legs(law.coupling), part=2)
-        before, after = (each.errors.from_frame(self.n_shown) for each in (law, grown))
+        before, after = (each.errors.of_frames(*self.folds[WITHHELD]) for each in (law, grown))
         refused = grown is start or after.score > INDIFFERENT_RATIO * before.score
         return law if refused else grown
 
@@ -293,6 +315,12 @@ class LikelihoodFit:
         law.longest_step = dt_s / self.time_unit_s / int(np.clip(pieces, 1, MOST_PIECES))
         oscillating = [f for f in modes.frequency_hz if f > 0]
         return max(4, round(1.0 / (min(oscillating) * dt_s))) if oscillating else self.period_frames
+
+
+def leave_out(trajectory: EncodedTrajectory, start: int, stop: int) -> EncodedTrajectory:
+    """The trajectory with segments that end before a frame, or begin at another."""
+    parts = [part for a, b in trajectory.segments for part in ((a, min(b, start)), (max(a, stop), b))]
+    return replace(trajectory, segments=tuple((a, b) for a, b in parts if b - a > 1))
 
 
 def _is_mechanism(law: Lagrangian) -> bool:

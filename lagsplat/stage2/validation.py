@@ -1,5 +1,6 @@
 """Rollouts over the training clip, by which laws are scored and compared."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,12 +42,19 @@ class ForecastErrors:
         """Root of the mean; infinite if any rollout diverged."""
         return float(np.sqrt(self.each.mean()))
 
-    def from_frame(self, first: int) -> "ForecastErrors":
-        """Errors of the rollouts that begin at a frame or later; of all if none does."""
-        late = self.starts >= first
-        if not late.any():
+    def of_frames(self, first: int, end: int) -> "ForecastErrors":
+        """Errors of the rollouts that begin at the frames ``first`` to ``end``; of all if none does."""
+        inside = (self.starts >= first) & (self.starts < end)
+        if not inside.any():
             return self
-        return ForecastErrors(self.each[late], max(1, round(self.distinct * late.mean())), self.starts[late])
+        distinct = max(1, round(self.distinct * inside.mean()))
+        return ForecastErrors(self.each[inside], distinct, self.starts[inside])
+
+    @classmethod
+    def join(cls, parts: Sequence["ForecastErrors"]) -> "ForecastErrors":
+        """Errors of rollouts that follow one another."""
+        each, starts = (np.concatenate([vars(part)[name] for part in parts]) for name in ("each", "starts"))
+        return cls(each, sum(part.distinct for part in parts), starts)
 
     def is_worse_than(self, other: "ForecastErrors") -> bool:
         """Whether these errors are larger than those of another law on the same windows, and not by chance.

@@ -76,11 +76,13 @@ def forecast_errors(each: np.ndarray, distinct: int) -> ForecastErrors:
     return ForecastErrors(each, distinct, np.arange(len(each)))
 
 
-def test_errors_from_a_frame_on_are_those_of_later_rollouts() -> None:
+def test_errors_of_some_frames_are_those_of_rollouts_from_there() -> None:
     errors = ForecastErrors(np.array([1.0, 4.0, 9.0, 16.0]), 4, np.array([0, 10, 20, 30]))
-    late = errors.from_frame(15)
+    late = errors.of_frames(15, 31)
     assert (late.each.tolist(), late.distinct, late.starts.tolist()) == ([9.0, 16.0], 2, [20, 30])
-    assert errors.from_frame(31) is errors
+    assert errors.of_frames(31, 40) is errors
+    whole = ForecastErrors.join([errors.of_frames(0, 15), late])
+    assert (whole.each.tolist(), whole.distinct) == (errors.each.tolist(), errors.distinct)
 
 
 def test_a_law_is_worse_only_by_more_than_chance_and_more_than_a_tenth() -> None:
