@@ -161,7 +161,8 @@ def differentiate_monomials(
     if not clip.all_inside and (free := exponents.sum(1) <= free_degree).any():
         near = differentiate_monomials(q, exponents[free], ball=make_wide_ball(q.shape[1]))
         beyond = differentiate_monomials(q, exponents[~free], ball=ball)
-        return tuple(torch.cat(pair, 1) for pair in zip(near, beyond, strict=True))
+        value, slope, bends = (torch.cat(pair, 1) for pair in zip(near, beyond, strict=True))
+        return value, slope, bends
     levels, order, d = _raise_powers(clip.s, exponents), exponents.long(), q.shape[1]
     rows = []  # value, first and second derivative of the power of each coordinate
     for i in range(d):
