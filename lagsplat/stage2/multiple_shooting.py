@@ -268,7 +268,8 @@ class Guard:
         load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
         with torch.no_grad():  # the stiffness is that at the points as the map is now
             at, _ = coordinates.evaluate(at)
-        at, load = torch.cat([at, at[:1] + FAR]), torch.cat([load, load[:1]])
+        around = draw_states(energy.ball, GUARDED, reach=1.0 + BEYOND, seed=seed)
+        at, load = torch.cat([at, around, at[:1] + FAR]), torch.cat([load, load, load[:1]])
         (_, elastic), (_, pushed) = energy.differentiate_terms(at)
         loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
         self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
