@@ -2,9 +2,9 @@
 
 The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
 it. A map into the coordinates of the law grows first: an encoder that bends the coordinates bends every term
-of the law alike. Then the energies grow, and the frame of mass and damping. A term must not worsen the
-forecasts of one part of the clip when it is withheld: evidence alone does not see what a law does where it
-was not fitted.
+of the law alike. Then the energies grow, and the frame of mass and damping. One part of the clip is withheld
+until the law has its terms, and no term may worsen the forecasts there: evidence alone does not see what a
+law does where it was not fitted.
 """
 
 import copy
@@ -44,7 +44,7 @@ LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
 ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
-FOLDS, WITHHELD = 4, 2  # parts of the clip that are withheld in turn, and the one that judges growth
+FOLDS, WITHHELD = 4, 2  # parts of the clip that are withheld in turn, and the one that sees no law grow
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -60,7 +60,6 @@ class FittedLaw:
     coupling: float = COUPLED_LEGS[0][1]
     evidence: float = -math.inf  # [nat]
     solved: tuple[MultipleShooting, WindowFit] | None = None  # None: of the weak form
-    blind: "FittedLaw | None" = None  # the same, fitted without the withheld part; None: not yet
 
     def with_fitted_noise(self) -> "FittedLaw":
         """Take what the law leaves of the encoded positions for their noise, under which evidence is open."""
@@ -248,15 +247,9 @@ class LikelihoodFit:
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
         start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
         grown = self._tighten(start, self._list_legs(law.coupling), part=2)
-        if grown is start:
-            return law
-        before = law.blind or self._fit(law, 1.0, law.coupling, part=2, trajectory=self.shown)
-        after = replace(before, law=grow_law(before.law, higher.form.degrees, seed=self.seed))
-        for share, coupling in self._list_legs(law.coupling):
-            if coupling >= grown.coupling:
-                after = self._fit(after, share, coupling, part=2, trajectory=self.shown)
-        scores = [each.errors.of_frames(*self.folds[WITHHELD]).score for each in (before, after)]
-        return law if scores[1] > INDIFFERENT_RATIO * scores[0] else replace(grown, blind=after)
+        before, after = (each.errors.of_frames(*self.folds[WITHHELD]) for each in (law, grown))
+        refused = grown is start or after.score > INDIFFERENT_RATIO * before.score
+        return law if refused else grown
 
     def _list_legs(self, coupling: float) -> Sequence[tuple[float, float]]:
         """Legs from one that is looser on: such windows let go of what a law has made of the motion."""
@@ -272,11 +265,14 @@ class LikelihoodFit:
         part: int,
         least_share: float = 0.0,
         hold_law: bool = False,
-        trajectory: EncodedTrajectory | None = None,
     ) -> FittedLaw:
-        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
+        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many.
+
+        Frames are withheld from all but the last fit, of all frames.
+        """
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
-        segments = choose_stretches((trajectory or self.measured).segments, frames=frames)
+        used = self.measured if part == 1 else self.shown
+        segments = choose_stretches(used.segments, frames=frames)
         n = round(share * self.settings.periods * start.period_frames)
         longest = max(stop - begin for begin, stop in segments) - 1
         law = copy.deepcopy(start.law)

@@ -54,7 +54,7 @@ ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
 FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
-LACKING_STIFFNESS, LACKING_AROUND = 0.02, 0.5  # standard deviation of what may lack; where no state was
+LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
 MAP = "coordinates.coefficients"
 KERNEL_ORDER = (
@@ -268,15 +268,10 @@ class Guard:
         load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
         with torch.no_grad():  # the stiffness is that at the points as the map is now
             at, _ = coordinates.evaluate(at)
-        around = draw_states(energy.ball, GUARDED, reach=1.0 + BEYOND, seed=seed)
-        at, load = torch.cat([at, around, at[:1] + FAR]), torch.cat([load, load, load[:1]])
+        at, load = torch.cat([at, at[:1] + FAR]), torch.cat([load, load[:1]])
         (_, elastic), (_, pushed) = energy.differentiate_terms(at)
         loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
         self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
-        units = (LACKING_STIFFNESS, LACKING_AROUND, LACKING_STIFFNESS)
-        self.lacking_stiffness = (
-            torch.tensor(units).double().repeat_interleave(torch.tensor([GUARDED, GUARDED, 1]))
-        )
         self.of_map = parameters.find_columns(MAP)
         self.of_energy = parameters.find_columns("energy.coefficients", "energy.input_coefficients")
 
@@ -291,14 +286,14 @@ class Guard:
         by_map = torch.einsum("nil,nkl->nki", outer, self.slopes).flatten(1)
         lacking, rows = [], []
         for value, columns, by_column, least, unit in (
-            (values[:, 0], self.of_energy, by_energy, LEAST_STIFFNESS, self.lacking_stiffness),
-            (stretch, self.of_map, by_map, LEAST_STRETCH, torch.tensor(LACKING_STRETCH)),
+            (values[:, 0], self.of_energy, by_energy, LEAST_STIFFNESS, LACKING_STIFFNESS),
+            (stretch, self.of_map, by_map, LEAST_STRETCH, LACKING_STRETCH),
         ):
             short = (least - value).clamp(min=0.0)
             row = theta.new_zeros(len(short), len(theta))
             row[:, columns] = -by_column * (short > 0.0)[:, None]
             lacking.append(short / unit)
-            rows.append(row / unit[..., None])
+            rows.append(row / unit)
         return torch.cat(lacking), torch.cat(rows)
 
 
