@@ -246,11 +246,9 @@ def _fill_frame(law, share, turned, at):
 
 
 @njit(cache=True)
-def _solve_balance(law, inertia, viscosity, x, v, u, at):
-    """Fill ``at`` for one state; returns the coefficients of its soft clip."""
+def _compute_force(law, x, u, share, turned, at):
+    """Force (d,) of the energy under an input; fills the loads of the clipped monomials."""
     d, m = len(x), len(law.energy)
-    clip = _evaluate(x, law, at.z, at.value, at.slope)
-    share, turned, _ = clip
     for k in range(1, m):
         at.load[k] = law.energy[k] if k >= law.n_springs else 0.0
         if k > d:
@@ -275,6 +273,16 @@ def _solve_balance(law, inertia, viscosity, x, v, u, at):
         i, j = law.variables[law.parents[k]], law.variables[k]
         force[i] -= law.energy[k] * x[j]
         force[j] -= law.energy[k] * x[i]
+    return force
+
+
+@njit(cache=True)
+def _solve_balance(law, inertia, viscosity, x, v, u, at):
+    """Fill ``at`` for one state; returns the coefficients of its soft clip."""
+    d = len(x)
+    clip = _evaluate(x, law, at.z, at.value, at.slope)
+    share, turned, _ = clip
+    force = _compute_force(law, x, u, share, turned, at)
     _fill_frame(law, share, turned, at)
     for i in range(d):
         at.w[i] = 0.0
