@@ -102,7 +102,8 @@ class LikelihoodFit:
         self.period_frames = period_frames
         ends = np.linspace(0, len(measured.latents), FOLDS + 1).round().astype(int).tolist()
         self.folds = list(pairwise(ends))
-        self.shown = leave_out(measured, *self.folds[WITHHELD])
+        shown = leave_out(measured, *self.folds[WITHHELD])
+        self.shown = shown if shown.segments else measured
         # in several coordinates polynomials of high degree are free wherever the recording is thin
         form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
         self.most = Degrees(
@@ -155,7 +156,10 @@ class LikelihoodFit:
             except ValueError:
                 return start.errors
             law.longest_step = start.law.longest_step
-            parts.append(self.validate(law).of_frames(*fold))
+            errors = self.validate(law)
+            inside = errors.of_frames(*fold)
+            if inside is not errors:  # a rollout begins in this fold
+                parts.append(inside)
         return ForecastErrors.join(parts)
 
     def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
@@ -245,7 +249,8 @@ class LikelihoodFit:
     def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
         """The law with terms of higher ``degrees`` if evidence and withheld frames are for it, or itself."""
         higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
-        start = replace(law, law=higher, evidence=law.evidence + INDIFFERENT)
+        # a gain that says something
+        start = replace(law, law=higher, evidence=law.evidence + 2.0 * INDIFFERENT)
         grown = self._tighten(start, self._list_legs(law.coupling), part=2)
         before, after = (each.errors.of_frames(*self.folds[WITHHELD]) for each in (law, grown))
         refused = grown is start or after.score > INDIFFERENT_RATIO * before.score
