@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +10,21 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from lagsplat.array_types import Frames, Images, Latents
+from lagsplat.array_types import Frames, Images, Latents, Series
 from lagsplat.chart import visibility
 from lagsplat.chart.config import ChartConfig
+from lagsplat.chart.refinement import refine_latents
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.chart.visibility import Whitening
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames, to_images
+from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents, encode_frames, to_images
 
 KIND = "chart"
 SCHEMA = 1
 ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s", "rest")
 SETTINGS = ("n_train", "segments", "metric_scale", "smoothing_frames", "condition", "intrinsic_dimension")
+REFINEMENT = ("refinement_steps", "visibility_step")  # none in files from before there was one
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,14 @@ class Chart(Whitening):
     smoothing_frames: float
     condition: float
     intrinsic_dimension: float
+    refinement_steps: int = 0
+    visibility_step: float = 2e-2
+
+    def encode(self, autoencoder: Autoencoder, frames: Frames) -> Series:
+        """Whitened latents of other frames, found as those of the recording were."""
+        return encode_whitened(
+            autoencoder, self, frames, refinement_steps=self.refinement_steps, difference=self.visibility_step
+        )
 
     @property
     def d(self) -> int:
@@ -100,11 +110,9 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
     n_train = recording.split()[0].n_frames
     z = encode_frames(autoencoder, recording.frames)
     white = visibility.fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
-    q = white.to_whitened(z)
-
-    def decode(batch: Latents) -> Images:
-        raw = torch.from_numpy(white.mean) + batch @ torch.from_numpy(white.unwhiten)
-        return autoencoder.decode(raw.to(next(autoencoder.parameters()))).cpu()
+    decode = partial(decode_whitened, autoencoder, white)
+    refinement = {"refinement_steps": config.refinement_steps, "difference": config.visibility_step}
+    q = encode_whitened(autoencoder, white, recording.frames, **refinement)
 
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
@@ -122,18 +130,42 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
         latents=q,
         inputs=np.asarray(recording.inputs, dtype=np.float64),
         time_s=np.asarray(recording.time_s, dtype=np.float64),
-        rest=white.to_whitened(encode_frames(autoencoder, rest_image))[0],
+        rest=encode_whitened(autoencoder, white, rest_image, **refinement)[0],
         n_train=n_train,
         segments=tuple((int(a), int(b)) for a, b in recording.segments),
         smoothing_frames=config.smoothing_frames,
         condition=visible.condition,
         intrinsic_dimension=dimension,
+        refinement_steps=config.refinement_steps,
+        visibility_step=config.visibility_step,
     )
+
+
+def decode_whitened(autoencoder: Autoencoder, white: Whitening, q: Latents) -> Images:
+    """Draw whitened latents."""
+    raw = torch.from_numpy(white.mean) + q @ torch.from_numpy(white.unwhiten)
+    with torch.no_grad():
+        return autoencoder.decode(raw.to(next(autoencoder.parameters()))).cpu()
+
+
+def encode_whitened(
+    autoencoder: Autoencoder, white: Whitening, frames: Frames, *, refinement_steps: int, difference: float
+) -> Series:
+    """Encode frames to whitened latents and refine these by the decoder, see `refine_latents`."""
+    q = torch.from_numpy(white.to_whitened(encode_frames(autoencoder, frames)))
+    if not refinement_steps:
+        return q.numpy()
+    decode = partial(decode_whitened, autoencoder, white)
+    parts = [
+        refine_latents(decode, to_images(np.asarray(frames[a : a + len(part)])), part, steps=refinement_steps, difference=difference)
+        for a, part in zip(range(0, len(q), CHUNK), q.split(CHUNK), strict=True)
+    ]
+    return torch.cat(parts).numpy()
 
 
 def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> None:
     """Write a chart; ``header`` says how it was made."""
-    settings = {name: getattr(chart, name) for name in SETTINGS}
+    settings = {name: getattr(chart, name) for name in (*SETTINGS, *REFINEMENT)}
     tensors = {name: getattr(chart, name) for name in ARRAYS}
     save_artifact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
 

@@ -14,11 +14,12 @@ class ChartConfig:
     eigenvalue_floor: float  # smallest latent variance of a coordinate, as a fraction of the largest
     visibility_frames: int  # training frames over which the visibility metric is averaged
     visibility_step: float  # of the finite difference of the decoder, in whitened units
+    refinement_steps: int  # Gauss-Newton steps by which the decoder corrects the encoder; the paper takes none
     dimension_frames: int  # training frames the intrinsic dimension is estimated on
     dimension_neighbours: int  # neighbours of each frame in that estimate
 
     def __post_init__(self) -> None:
-        require_least(self, "chart", 0, "smoothing_frames")
+        require_least(self, "chart", 0, "smoothing_frames", "refinement_steps")
         floor = self.eigenvalue_floor
         rule = "is a fraction of the largest latent variance: choose it in (0, 1), such as 1e-5"
         require_setting("chart.eigenvalue_floor", floor, 0 < floor < 1, rule)

@@ -43,7 +43,7 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
     near, far, sharp = totals = np.zeros((3, q.shape[1], q.shape[1]))
     for first in range(0, len(q), CHUNK):
         part = torch.from_numpy(np.ascontiguousarray(q[first : first + CHUNK]))
-        slope, wide = _slopes(decode, part, step), _slopes(decode, part, 2.0 * step)
+        slope, wide = differentiate_images(decode, part, step), differentiate_images(decode, part, 2.0 * step)
         for total, each in zip(totals, (slope, wide, (4.0 * slope - wide) / 3.0), strict=True):
             total += torch.einsum("bip,bjp->ij", each, each).numpy() / len(q)
     size = np.linalg.norm(near)
@@ -63,7 +63,8 @@ def measure_visibility(decode: Decode, q: Series, *, step: float) -> Visibility:
 
 
 @torch.no_grad()
-def _slopes(decode: Decode, q: Float[Tensor, "B d"], step: float) -> Float[Tensor, "B d P"]:
+def differentiate_images(decode: Decode, q: Float[Tensor, "B d"], step: float) -> Float[Tensor, "B d P"]:
+    """Change of the pixels with each latent, by central differences of width ``step``."""
     shift = step * torch.eye(q.shape[1], dtype=q.dtype)
     ahead = torch.stack([decode(q + row).flatten(1).double() for row in shift], 1)
     behind = torch.stack([decode(q - row).flatten(1).double() for row in shift], 1)

@@ -8,6 +8,7 @@ law does where it was not fitted.
 """
 
 import copy
+import os
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -21,14 +22,14 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, choose_stretches, fit_windows
+from lagsplat.stage2.multiple_shooting import ABSENT, MultipleShooting, ParameterVector, WindowFit, choose_stretches, fit_windows
 from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import INDIFFERENT_RATIO, ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
 MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
-MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
+MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=int(os.environ.get('MAPD','2')), matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
 FIRST_SHARE = 0.01
@@ -59,6 +60,7 @@ class FittedLaw:
     memory: Float64[np.ndarray, " d"]  # its correlation from frame to frame
     coupling: float = COUPLED_LEGS[0][1]
     evidence: float = -math.inf  # [nat]
+    relevance: Float64[np.ndarray, " g"] | None = None  # of the priors of the terms above a linear law's
     solved: tuple[MultipleShooting, WindowFit] | None = None  # None: of the weak form
 
     def with_fitted_noise(self) -> "FittedLaw":
@@ -195,25 +197,20 @@ class LikelihoodFit:
         return chosen
 
     def _climb(self, start: FittedLaw) -> FittedLaw:
-        """Fit a start and let it grow."""
+        """Fit a start with all terms, whose priors the evidence tells."""
         loose, safe = self._estimate_noise(start)
-        now = self._tighten(loose, COUPLED_LEGS, part=2)
-        if now is loose:
+        full = grow_law(loose.law, self.most, seed=self.seed)
+        parameters = ParameterVector(full)
+        theta = parameters.read()
+        mode = os.environ.get("INIT", "all")
+        relevance = np.array([
+            1.0 if mode == "all" or theta[g].any() or (mode == "map" and i == 0) else ABSENT
+            for i, g in enumerate(parameters.list_groups())
+        ])
+        now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
+        if now.law is full:
             return safe
-        for degree in range(2, self.most.coordinates + 1):
-            now = self._grow(now, coordinates=degree)
-        # where the map explains much of it, what was noise is none, and further terms show
-        now = self._tighten(now.with_fitted_noise(), self._list_legs(now.coupling), part=2)
-        refused = 0
-        for degrees in reversed(self.ladder[: self.ladder.index(start.law.form.degrees)]):
-            grown = self._grow(now, potential=degrees.potential, inputs=degrees.inputs)
-            refused = refused + 1 if grown is now else 0
-            if refused > LONGEST_REFUSAL:
-                break
-            now = grown
-        for degree in range(1, self.most.matrices + 1):
-            now = self._grow(now, matrices=degree)
-        return now
+        return self._tighten(now.with_fitted_noise(), self._list_legs(now.coupling), part=2)
 
     def _estimate_noise(self, start: FittedLaw) -> tuple[FittedLaw, FittedLaw]:
         """Fit loose windows, whose residuals become the noise; the law after them, and the best forecast."""
@@ -245,16 +242,6 @@ class LikelihoodFit:
             if now.evidence > reached - INDIFFERENT and not now.errors.is_worse_than(start.errors):
                 accepted, reached = now, now.evidence
         return accepted
-
-    def _grow(self, law: FittedLaw, **degrees: int) -> FittedLaw:
-        """The law with terms of higher ``degrees`` if evidence and withheld frames are for it, or itself."""
-        higher = grow_law(law.law, law.law.form.degrees._replace(**degrees), seed=self.seed)
-        # a gain that says something
-        start = replace(law, law=higher, evidence=law.evidence + 2.0 * INDIFFERENT)
-        grown = self._tighten(start, self._list_legs(law.coupling), part=2)
-        before, after = (each.errors.of_frames(*self.folds[WITHHELD]) for each in (law, grown))
-        refused = grown is start or after.score > INDIFFERENT_RATIO * before.score
-        return law if refused else grown
 
     def _list_legs(self, coupling: float) -> Sequence[tuple[float, float]]:
         """Legs from one that is looser on: such windows let go of what a law has made of the motion."""
@@ -291,10 +278,12 @@ class LikelihoodFit:
             coupling=coupling,
             noise=start.noise,
             memory=start.memory,
-            iterations=self.settings.iterations,
+            iterations=self.settings.iterations * (1 if start.relevance is None else 4),
             least_gain=LEAST_GAIN,
             least_share=least_share,
             hold_law=hold_law,
+            learn_prior=start.relevance is not None and not hold_law,
+            relevance=start.relevance,
             near=start.solved,
         )
         evidence = -math.inf
@@ -308,6 +297,7 @@ class LikelihoodFit:
             errors=errors,
             coupling=coupling,
             evidence=evidence,
+            relevance=None if start.relevance is None else problem.relevance,
             solved=(problem, fitted),
         )
 

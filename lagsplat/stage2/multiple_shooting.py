@@ -19,13 +19,16 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float64, Int
+from scipy.linalg import cho_factor, cho_solve
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.polynomials import (
+    LOADS,
     REACH,
+    SPRINGS,
     draw_states,
     evaluate_monomials,
     list_law_arrays,
@@ -48,7 +51,8 @@ PROBE, MOST_TURN = (
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
 VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
-EDGE = 3.0  # of the data [standard deviations]
+import os
+EDGE = float(os.environ.get('EDGE','3'))  # of the data [standard deviations]
 FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
 ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
@@ -56,6 +60,10 @@ FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
 LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
+FASTEST = 10.0  # change of the relevance of a group in a step
+SETTLED = 0.2  # change of its logarithm
+LEAST_RELEVANCE, MOST_RELEVANCE, ABSENT = 1e-3, 1e6, 1e8
+RELEVANCES = 10.0 ** np.arange(-2.0, 5.5, 0.5)
 MAP = "coordinates.coefficients"
 KERNEL_ORDER = (
     "mass_term.factor",
@@ -171,23 +179,39 @@ class ParameterVector:
         left out so.
         """
         energy, mass, _ = self.terms
-        shape = mass.frame.exponents.sum(1)[:, None, None]
-        bend = self.coordinates.exponents.sum(1)[:, None]
-        # what a monomial adds at the edge, in standard deviations; below that of a linear law
+        def scale(exponents):
+            return torch.exp(exponents.sum(1) * np.log(EDGE) + 0.5 * torch.lgamma(exponents + 1.0).sum(1))
+
+        bend = self.coordinates.exponents.sum(1)
         sizes = {
-            "mass_term.frame.coefficients": EDGE**shape / FRAME_AT_EDGE,
-            MAP: bend * EDGE ** (bend - 1.0) / FRAME_AT_EDGE,
+            "mass_term.frame.coefficients": scale(mass.frame.exponents)[:, None, None] / FRAME_AT_EDGE,
+            MAP: (scale(self.coordinates.exponents) * bend)[:, None] / EDGE / FRAME_AT_EDGE,
         }
-        for name, exponents in (("", energy.exponents), ("input_", energy.input_exponents)):
-            degree = exponents.sum(1)
-            size = EDGE**degree / ENERGY_AT_EDGE
-            sizes[f"energy.{name}coefficients"] = torch.where(degree > 2, size, 0.0)
+        for name, exponents, free in (
+            ("", energy.exponents, SPRINGS),
+            ("input_", energy.input_exponents, LOADS),
+        ):
+            sizes[f"energy.{name}coefficients"] = torch.where(
+                exponents.sum(1) > free, scale(exponents) / ENERGY_AT_EDGE, 0.0
+            )
         mean, precision = [], []
         for name, p in self.parts.items():
             size = sizes.get(name, torch.zeros(())).expand_as(p).reshape(-1)
             mean.append(torch.where(size > 0.0, 0.0, p.detach().reshape(-1)))
             precision.append(torch.where(size > 0.0, size.square(), VAGUE))
         return torch.cat(mean), torch.cat(precision).double()
+
+    def list_groups(self) -> list[Int[Tensor, " n"]]:
+        """Places of the parameters that make a law more than linear: of the map, the frame, V and nu."""
+        energy, _, _ = self.terms
+        above = {
+            MAP: torch.tensor(True),
+            "mass_term.frame.coefficients": torch.tensor(True),
+            "energy.coefficients": energy.exponents.sum(1) > SPRINGS,
+            "energy.input_coefficients": energy.input_exponents.sum(1) > LOADS,
+        }
+        groups = [self.find_columns(name)[each.expand_as(self.parts[name]).reshape(-1)] for name, each in above.items()]
+        return [group for group in groups if len(group)]
 
     def scale_direction(self) -> Float[Tensor, " p"]:
         """How the parameters move when all energies and forces grow alike, which no motion shows."""
@@ -357,12 +381,74 @@ class MultipleShooting:
         memory: Float64[np.ndarray, " d"],
         coupling: Float64[np.ndarray, " s"],
         guard: Guard | None = None,
+        relevance: Float64[np.ndarray, " g"] | None = None,
     ) -> None:
         self.parameters, self.windows, self.guard = parameters, windows, guard
         self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
         self.coupling = torch.from_numpy(coupling)
         self.before = np.flatnonzero(windows.linked)
-        self.prior_mean, self.precision = parameters.weigh_prior()
+        self.prior_mean, self.unit_precision = parameters.weigh_prior()
+        self.groups = parameters.list_groups()
+        self.relevance = np.ones(len(self.groups)) if relevance is None else relevance
+
+    @property
+    def precision(self) -> Float[Tensor, " p"]:
+        """Of the prior of each parameter."""
+        precision = self.unit_precision.clone()
+        for group, relevance in zip(self.groups, self.relevance, strict=True):
+            precision[group] *= relevance
+        return precision
+
+    def estimate_relevance(
+        self, theta: Float[Tensor, " p"], normal: NormalEquations
+    ) -> Float64[np.ndarray, " g"]:
+        """Precisions of the priors of the groups that the recording asks for; those without any stay so.
+
+        Source: MacKay 1992, DOI 10.1162/neco.1992.4.3.415.
+        """
+        states = eliminate_states(normal, self.windows.linked, damping=0.0)
+        variance = np.diag(np.linalg.inv(states.law))
+        precision, estimated = self.precision.numpy(), self.relevance.copy()
+        for i, (group, before) in enumerate(zip(self.groups, self.relevance, strict=True)):
+            if before == ABSENT:
+                continue
+            determined = float(np.sum(1.0 - precision[group] * variance[group]))
+            size = float((self.unit_precision[group] * theta[group].square()).sum())
+            after = np.clip(max(determined, 1e-3) / max(size, 1e-12), before / FASTEST, before * FASTEST)
+            estimated[i] = ABSENT if after > MOST_RELEVANCE else max(after, LEAST_RELEVANCE)
+        return estimated
+
+    def find_missing_group(
+        self, theta: Float[Tensor, " p"], now: Residuals
+    ) -> tuple[float, int, float]:
+        """Gain of evidence [nat] of the absent group that lacks most, its number and its relevance.
+
+        Source: Tipping and Faul 2003, "Fast marginal likelihood maximisation for sparse Bayesian models".
+        """
+        present, absent = self.relevance, np.flatnonzero(self.relevance == ABSENT).tolist()
+        self.relevance = np.where(present == ABSENT, 0.0, present)
+        normal = self.assemble(theta, now, self.differentiate(theta, now))
+        self.relevance = present
+        states = eliminate_states(normal, self.windows.linked, damping=0.0)
+        inside = np.ones(len(theta), dtype=bool)
+        for i in absent:
+            inside[self.groups[i]] = False
+        factor = cho_factor(states.law[np.ix_(inside, inside)])
+        best = (0.0, -1, ABSENT)
+        for i in absent:
+            group, unit = self.groups[i].numpy(), self.unit_precision[self.groups[i]].numpy()
+            across = states.law[np.ix_(inside, group)]
+            solved = cho_solve(factor, across)
+            scale = 1.0 / np.sqrt(unit)  # parameters of unit size at relevance one
+            information = states.law[np.ix_(group, group)] - across.T @ solved
+            information = scale[:, None] * information * scale
+            slope = scale * (states.law_right[group] - solved.T @ states.law_right[inside])
+            values, vectors = np.linalg.eigh(information)
+            values, along = np.maximum(values, 0.0), np.square(vectors.T @ slope)
+            for relevance in RELEVANCES:
+                gain = 0.5 * float(np.sum(along / (values + relevance) - np.log1p(values / relevance)))
+                best = max(best, (gain, i, relevance))
+        return best
 
     def fit(
         self,
@@ -372,6 +458,8 @@ class MultipleShooting:
         least_gain: float,
         least_share: float = 0.0,
         hold_law: bool = False,
+        learn_prior: bool = False,
+        least_growth: float = 2.0,
     ) -> WindowFit:
         """Take damped Gauss-Newton steps, and leave the law at the best parameters.
 
@@ -386,6 +474,13 @@ class MultipleShooting:
         for _ in range(0 if lost else iterations):
             slopes = self.differentiate(theta, now)
             normal = self.assemble(theta, now, slopes)
+            changed = 0.0
+            if steps and learn_prior:
+                relevance = self.estimate_relevance(theta, normal)
+                changed = float(np.abs(np.log(relevance / self.relevance)).max(initial=0.0))
+                self.relevance = relevance
+                now = self.evaluate(theta, starts)
+                normal = self.assemble(theta, now, slopes)
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
                     step = self._step(theta, starts, now, slopes, normal, damping=damping, hold_law=hold_law)
@@ -397,11 +492,18 @@ class MultipleShooting:
             else:
                 break
             gain = now.cost - after.cost
-            small = small + 1 if gain < least_gain else 0
+            small = small + 1 if gain < least_gain and changed < SETTLED else 0
             theta, starts, now = theta + step[1], starts + step[0], after
             damping, steps = max(damping / WEAKENED, LEAST_DAMPING), steps + 1
             if small == SMALL_GAINS or gain < least_share * now.cost:
-                break
+                if not learn_prior:
+                    break
+                grown = self.find_missing_group(theta, now)
+                if grown[0] < least_growth:
+                    break
+                self.relevance = self.relevance.copy()
+                self.relevance[grown[1]] = grown[2]
+                now, small, damping = self.evaluate(theta, starts), 0, FIRST_DAMPING
         self.parameters.write(theta)
         error = now.error.numpy()
         power = np.mean(error**2, axis=(0, 1)) + 1e-300
@@ -552,13 +654,12 @@ class MultipleShooting:
         now = self.evaluate(theta, fitted.starts)
         normal = self.assemble(theta, now, self.differentiate(theta, now))
         states = eliminate_states(normal, self.windows.linked, damping=0.0)
-        k, n, d = now.position.shape
+        k, n, _ = now.position.shape
         fresh = self.noise.log() + 0.5 * (n - 1) / n * (1.0 - self.memory**2).log()
         log_norm = k * n * float(fresh.sum()) + len(now.gap) * float(self.coupling.log().sum())
-        misfit = 0.5 * float(now.position.square().sum() + now.gap.square().sum())
-        size = 0.5 * len(theta) * np.log(k * n * d)
         log_volume = float(np.linalg.slogdet(states.inverse)[1].sum())
-        return float(0.5 * log_volume - log_norm - misfit - size)
+        log_volume += float(self.precision.log().sum()) - np.linalg.slogdet(states.law)[1]
+        return float(0.5 * log_volume - log_norm - now.cost)
 
     def score_windows(self, fitted: WindowFit) -> "WindowScores":
         """Scores of the likelihood, with the window starts eliminated, at the parameters as they are.
@@ -679,6 +780,8 @@ def fit_windows(
     least_gain: float,
     least_share: float = 0.0,
     hold_law: bool = False,
+    learn_prior: bool = False,
+    relevance: Float64[np.ndarray, " g"] | None = None,
     near: tuple[MultipleShooting, WindowFit] | None = None,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
@@ -707,11 +810,18 @@ def fit_windows(
         state = torch.cat(parameters.coordinates.push(torch.from_numpy(smooth.latents), velocity), 1)
     size = coupling * (state.std(0, correction=0).numpy() + 1e-12)
     guard = Guard(parameters, measured, seed=0)
-    problem = MultipleShooting(parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard)
+    problem = MultipleShooting(
+        parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard, relevance=relevance
+    )
     starts = state[torch.from_numpy(windows.frames)]
     if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):
         starts = near[1].starts
     fitted = problem.fit(
-        starts, iterations=iterations, least_gain=least_gain, least_share=least_share, hold_law=hold_law
+        starts,
+        iterations=iterations,
+        least_gain=least_gain,
+        least_share=least_share,
+        hold_law=hold_law,
+        learn_prior=learn_prior,
     )
     return problem, fitted
