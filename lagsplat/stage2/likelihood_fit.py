@@ -322,6 +322,7 @@ def _is_mechanism(law: Lagrangian) -> bool:
     """Whether its coordinates are one to one and a stable spring holds it far outside the data."""
     assert law.coordinates is not None
     assert law.energy is not None
+    if os.environ.get('DBG'): print('stretch',law.coordinates.measure_least_stretch(),'far',law.energy.measure_far_stiffness())
     return law.coordinates.measure_least_stretch() > 0.0 and law.energy.measure_far_stiffness() > 0.0
 
 

@@ -55,6 +55,7 @@ import os
 EDGE = float(os.environ.get('EDGE','3'))  # of the data [standard deviations]
 FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
 ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
+MAP_GUARDED = 2048
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
 FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
@@ -283,7 +284,7 @@ class Guard:
         energy, coordinates = parameters.terms[0], parameters.coordinates
         q, u = trajectory.latents, trajectory.inputs
         self.eye = torch.eye(q.shape[1], dtype=torch.float64)
-        around = draw_states(coordinates.ball, GUARDED, reach=REACH, seed=seed)
+        around = draw_states(coordinates.ball, MAP_GUARDED, reach=REACH, seed=seed)
         self.slopes = evaluate_monomials(around, coordinates.exponents, ball=coordinates.ball)[1]
         rng = np.random.default_rng(seed)
         share = rng.uniform(-BEYOND, 1.0 + BEYOND, (GUARDED, 1))
@@ -433,8 +434,11 @@ class MultipleShooting:
         inside = np.ones(len(theta), dtype=bool)
         for i in absent:
             inside[self.groups[i]] = False
-        factor = cho_factor(states.law[np.ix_(inside, inside)])
         best = (0.0, -1, ABSENT)
+        try:
+            factor = cho_factor(states.law[np.ix_(inside, inside)])
+        except np.linalg.LinAlgError:
+            return best
         for i in absent:
             group, unit = self.groups[i].numpy(), self.unit_precision[self.groups[i]].numpy()
             across = states.law[np.ix_(inside, group)]
