@@ -14,6 +14,7 @@ DOI 10.1137/0111030.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,9 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.polynomials import (
+    CHECKED,
     LOADS,
+    PolynomialMap,
     REACH,
     SPRINGS,
     draw_states,
@@ -55,7 +58,8 @@ import os
 EDGE = float(os.environ.get('EDGE','3'))  # of the data [standard deviations]
 FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
 ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
-MAP_GUARDED = 2048
+MAP_GUARDED = 1024
+ADDED, REGUARDED = 256, 4
 GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
 FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
@@ -299,6 +303,16 @@ class Guard:
         self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
         self.of_map = parameters.find_columns(MAP)
         self.of_energy = parameters.find_columns("energy.coefficients", "energy.input_coefficients")
+
+    def add_folds(self, coordinates: PolynomialMap) -> bool:
+        """Add points at which a map has come near a fold in spite of the guard; whether there are any."""
+        states = draw_states(coordinates.ball, CHECKED, reach=REACH, seed=0)
+        stretch = measure_stretch(coordinates.evaluate(states)[1])[0]
+        near = stretch.argsort()[:ADDED]
+        near = near[stretch[near] < 0.5 * LEAST_STRETCH]
+        slopes = evaluate_monomials(states[near], coordinates.exponents, ball=coordinates.ball)[1]
+        self.slopes = torch.cat([self.slopes, slopes])
+        return bool(len(near))
 
     def measure(self, theta: Float[Tensor, " p"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n p"]]:
         """What stiffness and stretch lack, in units of what may lack, and its derivatives by ``theta``."""
@@ -820,12 +834,18 @@ def fit_windows(
     starts = state[torch.from_numpy(windows.frames)]
     if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):
         starts = near[1].starts
-    fitted = problem.fit(
-        starts,
+    fit = partial(
+        problem.fit,
         iterations=iterations,
         least_gain=least_gain,
         least_share=least_share,
         hold_law=hold_law,
         learn_prior=learn_prior,
     )
+    fitted = fit(starts)
+    for _ in range(REGUARDED):
+        with torch.no_grad():
+            if not guard.add_folds(parameters.coordinates):
+                break
+        fitted = fit(fitted.starts)
     return problem, fitted
