@@ -12,6 +12,7 @@ import os
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,6 +24,8 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.multiple_shooting import ABSENT, MultipleShooting, ParameterVector, WindowFit, choose_stretches, fit_windows
+from lagsplat.stage2.linear_response import find_bend
+from lagsplat.stage2.polynomials import enclose_states
 from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import INDIFFERENT_RATIO, ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
@@ -115,6 +118,9 @@ class LikelihoodFit:
             most.matrices if form.matrix_degree is None else form.matrix_degree,
         )
         self.form = form.with_degrees(self.most)
+        self.bend = None
+        if os.environ.get("CCA") and measured.inputs.shape[1] and measured.latents.shape[1] > 1:
+            self.bend = find_bend(measured, degree=int(os.environ["CCA"]), longest_lag=2 * period_frames)
         self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
 
     def choose_start(self) -> FittedLaw:
@@ -148,7 +154,18 @@ class LikelihoodFit:
 
     def _fit_weak_form(self, trajectory: EncodedTrajectory, degrees: Degrees, width: int) -> Lagrangian:
         form = self.form.with_degrees(degrees)
-        return fit_weak_form(trajectory, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
+        fit = partial(fit_weak_form, form=form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
+        if self.bend is None:
+            return fit(trajectory)
+        straight = self.bend.straighten(trajectory.latents)
+        law = fit(replace(trajectory, latents=straight))
+        law = grow_law(law, degrees._replace(coordinates=self.bend.degree), seed=self.seed)
+        latents = torch.from_numpy(self.measured.latents)
+        with torch.no_grad():
+            law.coordinates.ball.copy_(enclose_states(latents))
+            law.coordinates.coefficients.copy_(torch.from_numpy(self.bend.coefficients))
+        law.move_ball(latents)
+        return law
 
     def _cross_validate(self, start: FittedLaw, width: int) -> ForecastErrors:
         """Errors in each fold of laws fitted to the others; of the law itself where these are too short."""
