@@ -157,7 +157,13 @@ def encode_whitened(
         return q.numpy()
     decode = partial(decode_whitened, autoencoder, white)
     parts = [
-        refine_latents(decode, to_images(np.asarray(frames[a : a + len(part)])), part, steps=refinement_steps, difference=difference)
+        refine_latents(
+            decode,
+            to_images(np.asarray(frames[a : a + len(part)])),
+            part,
+            steps=refinement_steps,
+            difference=difference,
+        )
         for a, part in zip(range(0, len(q), CHUNK), q.split(CHUNK), strict=True)
     ]
     return torch.cat(parts).numpy()

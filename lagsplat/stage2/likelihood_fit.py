@@ -1,18 +1,15 @@
-"""Fits a law of polynomial terms: weak form, then maximum likelihood with terms that grow by their evidence.
+"""Fits a law of polynomial terms: weak form, then maximum likelihood with priors that the evidence sets.
 
 The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
-it. A map into the coordinates of the law grows first: an encoder that bends the coordinates bends every term
-of the law alike. Then the energies grow, and the frame of mass and damping. One part of the clip is withheld
-until the law has its terms, and no term may worsen the forecasts there: evidence alone does not see what a
-law does where it was not fitted.
+it. Then all terms are fitted together: a map into the coordinates of the law, since an encoder that bends the
+coordinates bends every term of the law alike; the energies; and the frame of mass and damping. How large each
+may be is set by the evidence, see `lagsplat.stage2.prior`.
 """
 
 import copy
-import os
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,16 +20,20 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.multiple_shooting import ABSENT, MultipleShooting, ParameterVector, WindowFit, choose_stretches, fit_windows
-from lagsplat.stage2.linear_response import find_bend
-from lagsplat.stage2.polynomials import enclose_states
+from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, fit_windows
+from lagsplat.stage2.parameter_vector import ParameterVector
 from lagsplat.stage2.uncertainty import draw_parameters
-from lagsplat.stage2.validation import INDIFFERENT_RATIO, ForecastErrors
+from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
+from lagsplat.stage2.windows import choose_stretches
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
-MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
-MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=int(os.environ.get('MAPD','2')), matrices=1)
+MOST = {
+    1: Degrees(potential=8, inputs=3, coordinates=4, matrices=2),
+    2: Degrees(potential=4, inputs=3, coordinates=3, matrices=1),
+}
+"""Degrees for one and two coordinates."""
+MOST_OF_MANY = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
 FIRST_SHARE = 0.01
@@ -42,13 +43,12 @@ COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001)
 LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
-LONGEST_REFUSAL = 1  # degrees in a row that do not pay: a symmetric potential has no odd ones
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
 ACCURATE_STEP = 0.6  # times the slowest one: 0.1 %
 MOST_PIECES = 4  # of a frame
-FOLDS, WITHHELD = 4, 2  # parts of the clip that are withheld in turn, and the one that sees no law grow
+FOLDS = 4  # parts of the clip that are withheld in turn from the start
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -63,7 +63,7 @@ class FittedLaw:
     memory: Float64[np.ndarray, " d"]  # its correlation from frame to frame
     coupling: float = COUPLED_LEGS[0][1]
     evidence: float = -math.inf  # [nat]
-    relevance: Float64[np.ndarray, " g"] | None = None  # of the priors of the terms above a linear law's
+    relevance: Float64[np.ndarray, " g"] | None = None  # of the priors of terms that a linear law has not
     solved: tuple[MultipleShooting, WindowFit] | None = None  # None: of the weak form
 
     def with_fitted_noise(self) -> "FittedLaw":
@@ -107,10 +107,8 @@ class LikelihoodFit:
         self.period_frames = period_frames
         ends = np.linspace(0, len(measured.latents), FOLDS + 1).round().astype(int).tolist()
         self.folds = list(pairwise(ends))
-        shown = leave_out(measured, *self.folds[WITHHELD])
-        self.shown = measured if os.environ.get("ALL") else (shown if shown.segments else measured)
         # in several coordinates polynomials of high degree are free wherever the recording is thin
-        form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
+        form, most = config.form, MOST.get(measured.latents.shape[1], MOST_OF_MANY)
         self.most = Degrees(
             most.potential if form.potential_degree is None else form.potential_degree,
             form.input_degree if measured.inputs.shape[1] else 1,
@@ -118,9 +116,6 @@ class LikelihoodFit:
             most.matrices if form.matrix_degree is None else form.matrix_degree,
         )
         self.form = form.with_degrees(self.most)
-        self.bend = None
-        if os.environ.get("CCA") and measured.inputs.shape[1] and measured.latents.shape[1] > 1:
-            self.bend = find_bend(measured, degree=int(os.environ["CCA"]), longest_lag=2 * period_frames)
         self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
 
     def choose_start(self) -> FittedLaw:
@@ -146,7 +141,6 @@ class LikelihoodFit:
             width, start = min(of_widths, key=lambda each: each[1].errors.score)
             starts.append(start)
             withheld.append(self._cross_validate(start, width))
-        if os.environ.get('START')=='linear': return starts[0]
         best = min(withheld, key=lambda errors: errors.score)
         return next(
             start for start, errors in zip(starts, withheld, strict=True) if not errors.is_worse_than(best)
@@ -154,18 +148,7 @@ class LikelihoodFit:
 
     def _fit_weak_form(self, trajectory: EncodedTrajectory, degrees: Degrees, width: int) -> Lagrangian:
         form = self.form.with_degrees(degrees)
-        fit = partial(fit_weak_form, form=form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
-        if self.bend is None:
-            return fit(trajectory)
-        straight = self.bend.straighten(trajectory.latents)
-        law = fit(replace(trajectory, latents=straight))
-        law = grow_law(law, degrees._replace(coordinates=self.bend.degree), seed=self.seed)
-        latents = torch.from_numpy(self.measured.latents)
-        with torch.no_grad():
-            law.coordinates.ball.copy_(enclose_states(latents))
-            law.coordinates.coefficients.copy_(torch.from_numpy(self.bend.coefficients))
-        law.move_ball(latents)
-        return law
+        return fit_weak_form(trajectory, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
 
     def _cross_validate(self, start: FittedLaw, width: int) -> ForecastErrors:
         """Errors in each fold of laws fitted to the others; of the law itself where these are too short."""
@@ -198,7 +181,7 @@ class LikelihoodFit:
         )
 
     def maximize(self, start: FittedLaw) -> FittedLaw:
-        """Fit a law and let it grow; the last fit takes all frames.
+        """Fit a law in a part of the frames, and then in all.
 
         Raises:
             ValueError: no law forecasts the clip better than its mean state does.
@@ -218,13 +201,7 @@ class LikelihoodFit:
         """Fit a start with all terms, whose priors the evidence tells."""
         loose, safe = self._estimate_noise(start)
         full = grow_law(loose.law, self.most, seed=self.seed)
-        parameters = ParameterVector(full)
-        theta = parameters.read()
-        mode = os.environ.get("INIT", "all")
-        relevance = np.array([
-            1.0 if mode == "all" or theta[g].any() or (mode == "map" and i == 0) else ABSENT
-            for i, g in enumerate(parameters.list_groups())
-        ])
+        relevance = np.ones(len(ParameterVector(full).list_groups()))
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
             return safe
@@ -276,13 +253,9 @@ class LikelihoodFit:
         least_share: float = 0.0,
         hold_law: bool = False,
     ) -> FittedLaw:
-        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many.
-
-        Frames are withheld from all but the last fit, of all frames.
-        """
+        """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
-        used = self.measured if part == 1 else self.shown
-        segments = choose_stretches(used.segments, frames=frames)
+        segments = choose_stretches(self.measured.segments, frames=frames)
         n = round(share * self.settings.periods * start.period_frames)
         longest = max(stop - begin for begin, stop in segments) - 1
         law = copy.deepcopy(start.law)
@@ -296,11 +269,11 @@ class LikelihoodFit:
             coupling=coupling,
             noise=start.noise,
             memory=start.memory,
-            iterations=self.settings.iterations * (1 if start.relevance is None else 4),
+            iterations=self.settings.iterations,
             least_gain=LEAST_GAIN,
             least_share=least_share,
             hold_law=hold_law,
-            learn_prior=start.relevance is not None and not hold_law,
+            least_growth=None if start.relevance is None or hold_law else INDIFFERENT,
             relevance=start.relevance,
             near=start.solved,
         )
@@ -315,7 +288,7 @@ class LikelihoodFit:
             errors=errors,
             coupling=coupling,
             evidence=evidence,
-            relevance=None if start.relevance is None else problem.relevance,
+            relevance=None if start.relevance is None else problem.prior.relevance,
             solved=(problem, fitted),
         )
 
@@ -340,7 +313,6 @@ def _is_mechanism(law: Lagrangian) -> bool:
     """Whether its coordinates are one to one and a stable spring holds it far outside the data."""
     assert law.coordinates is not None
     assert law.energy is not None
-    if os.environ.get('DBG'): print('stretch',law.coordinates.measure_least_stretch(),'far',law.energy.measure_far_stiffness())
     return law.coordinates.measure_least_stretch() > 0.0 and law.energy.measure_far_stiffness() > 0.0
 
 

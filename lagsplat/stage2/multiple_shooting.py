@@ -13,327 +13,33 @@ DOI 10.1137/0111030.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64, Int
-from scipy.linalg import cho_factor, cho_solve
+from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2 import polynomial_kernels
+from lagsplat.stage2.guard import Guard
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.polynomials import (
-    CHECKED,
-    LOADS,
-    PolynomialMap,
-    REACH,
-    SPRINGS,
-    draw_states,
-    evaluate_monomials,
-    list_law_arrays,
-    measure_stretch,
-)
-from lagsplat.stage2.rollout import interpolate_inputs, split_inputs
-
-States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] in the coordinates of the law
-Paths = Float[Tensor, "K n s"]
+from lagsplat.stage2.parameter_vector import ParameterVector, Paths, States
+from lagsplat.stage2.prior import Prior, make_prior
+from lagsplat.stage2.windows import Windows, cut_windows
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
-STRETCHES = 8  # into which the used part of a long recording is divided
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
 ATTEMPTS, STRENGTHENED, WEAKENED = 16, 4.0, 8.0  # of a step, and factors of its damping where it fails or not
 SMALL_GAINS = 2  # in a row, after which a fit ends: one alone may be a bend of the valley
-PROBE, MOST_TURN = (
-    0.1,
-    0.75,
-)  # share of a step for its curvature, and the largest second-order term (the source's)
+SETTLED = 0.2  # change of the logarithm of a prior's relevance, below which a fit may end
+PROBE = 0.1  # share of a step for its curvature
+MOST_TURN = 0.75  # largest second-order term (the source's)
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
-VAGUE = 1e-2  # precision of the prior about the coefficients of a linear law
-import os
-EDGE = float(os.environ.get('EDGE','3'))  # of the data [standard deviations]
-FRAME_AT_EDGE = 1.0  # standard deviation there of what each monomial adds to a frame or a map's Jacobian
-ENERGY_AT_EDGE = 1.0  # and to an energy, where a spring of stiffness one has 4.5
-MAP_GUARDED = 1024
-ADDED, REGUARDED = 256, 4
-GUARDED, BEYOND = 256, 0.25  # points of the guard, and how far they lie beyond two states
-FAR = 1e6  # where a spring alone is left [whitened units]
-LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
-LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
-LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
-FASTEST = 10.0  # change of the relevance of a group in a step
-SETTLED = 0.2  # change of its logarithm
-LEAST_RELEVANCE, MOST_RELEVANCE, ABSENT = 1e-3, 1e6, 1e8
-RELEVANCES = 10.0 ** np.arange(-2.0, 5.5, 0.5)
-MAP = "coordinates.coefficients"
-KERNEL_ORDER = (
-    "mass_term.factor",
-    "mass_term.frame.coefficients",
-    "damping_term.factor",
-    "energy.coefficients",
-    "energy.input_coefficients",
-)
-
-
-@dataclass(frozen=True)
-class Windows:
-    """Windows of ``n`` steps of a trajectory; the next one follows the ``linked`` ones without a gap."""
-
-    targets: Float[Tensor, "K m d"]
-    inputs: Float[Tensor, "K n nodes n_u"]
-    steps: Float[Tensor, "K n"]  # in internal time units
-    frames: Int[np.ndarray, " K"]  # at which they begin
-    linked: Bool[np.ndarray, " K"]
-
-    @property
-    def n(self) -> int:
-        """Steps of a window."""
-        return self.steps.shape[1]
-
-
-def choose_stretches(segments: Sequence[tuple[int, int]], *, frames: int) -> list[tuple[int, int]]:
-    """Choose at most about ``frames`` frames of the segments, in long stretches that are spread evenly."""
-    total = sum(stop - start for start, stop in segments)
-    if total <= frames:
-        return list(segments)
-    length = max(2, frames // STRETCHES)
-    chosen = []
-    for start, stop in segments:
-        count = max(1, round(STRETCHES * (stop - start) / total))
-        size = min(length, (stop - start) // count)
-        for first in np.linspace(start, stop - size, count).astype(int):
-            chosen.append((int(first), int(first) + size))
-    return chosen
-
-
-def cut_windows(
-    trajectory: EncodedTrajectory,
-    segments: Sequence[tuple[int, int]],
-    *,
-    n: int,
-    time_unit_s: float,
-    longest_step: float,
-) -> Windows:
-    """Cut windows of ``n`` steps, one after another, from parts of a trajectory.
-
-    Raises:
-        ValueError: no part is as long as a window.
-    """
-    frames, linked = [], []
-    for start, stop in segments:
-        count = (stop - 1 - start) // n
-        frames += [start + k * n for k in range(count)]
-        linked += [k + 1 < count for k in range(count)]
-    if not frames:
-        longest = max((stop - start for start, stop in segments), default=0)
-        raise ValueError(
-            f"the longest training segment has {longest} frames and a window of the fit needs {n + 1}: "
-            "record longer clips or lower stage2.likelihood.periods"
-        )
-    at = np.array(frames)
-    steps = np.diff(trajectory.time_s[at[:, None] + np.arange(n + 1)], axis=1) / time_unit_s
-    nodes = 2 * split_inputs(float(steps.max()), longest_step) + 1
-    inputs = torch.zeros(len(trajectory.inputs), nodes, trajectory.inputs.shape[1], dtype=torch.float64)
-    for start, stop in trajectory.segments:
-        series = torch.from_numpy(trajectory.inputs[None, start:stop])
-        inputs[start : stop - 1] = interpolate_inputs(series, nodes=nodes)[0]
-    return Windows(
-        targets=torch.from_numpy(trajectory.latents[at[:, None] + np.arange(n + 1)]),
-        inputs=inputs[torch.from_numpy(at[:, None] + np.arange(n))],
-        steps=torch.from_numpy(steps),
-        frames=at,
-        linked=np.array(linked),
-    )
-
-
-class ParameterVector:
-    """The free parameters of a polynomial law as one vector, and rollouts as a function of it."""
-
-    def __init__(self, lagrangian: Lagrangian) -> None:
-        assert lagrangian.coordinates is not None
-        self.lagrangian, self.terms = lagrangian, lagrangian.polynomials
-        self.coordinates = lagrangian.coordinates
-        self.parts = {name: p for name, p in lagrangian.named_parameters() if p.requires_grad}
-        assert tuple(self.parts) == (MAP, *KERNEL_ORDER)
-
-    def read(self) -> Float[Tensor, " p"]:
-        """The parameters as they are."""
-        return torch.cat([p.detach().reshape(-1) for p in self.parts.values()])
-
-    def write(self, theta: Float[Tensor, " p"]) -> None:
-        """Set the parameters of the law."""
-        with torch.no_grad():
-            for parameter, value in zip(self.parts.values(), self._split(theta).values(), strict=True):
-                parameter.copy_(value)
-
-    def find_columns(self, *names: str) -> Int[Tensor, " n"]:
-        """Places of some parts in the vector, part by part."""
-        sizes = [p.numel() for p in self.parts.values()]
-        first = dict(zip(self.parts, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
-        return torch.cat([first[name] + torch.arange(self.parts[name].numel()) for name in names])
-
-    def weigh_prior(self) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
-        """Mean and precision of the prior.
-
-        It is vague about the parameters as they are, and expects of each monomial above a spring's, and of
-        the frame and the map, to be small at the edge of the data. What the recording does not determine is
-        left out so.
-        """
-        energy, mass, _ = self.terms
-        def scale(exponents):
-            return torch.exp(exponents.sum(1) * np.log(EDGE) + 0.5 * torch.lgamma(exponents + 1.0).sum(1))
-
-        bend = self.coordinates.exponents.sum(1)
-        sizes = {
-            "mass_term.frame.coefficients": scale(mass.frame.exponents)[:, None, None] / FRAME_AT_EDGE,
-            MAP: (scale(self.coordinates.exponents) * bend)[:, None] / EDGE / FRAME_AT_EDGE,
-        }
-        for name, exponents, free in (
-            ("", energy.exponents, SPRINGS),
-            ("input_", energy.input_exponents, LOADS),
-        ):
-            sizes[f"energy.{name}coefficients"] = torch.where(
-                exponents.sum(1) > free, scale(exponents) / ENERGY_AT_EDGE, 0.0
-            )
-        mean, precision = [], []
-        for name, p in self.parts.items():
-            size = sizes.get(name, torch.zeros(())).expand_as(p).reshape(-1)
-            mean.append(torch.where(size > 0.0, 0.0, p.detach().reshape(-1)))
-            precision.append(torch.where(size > 0.0, size.square(), VAGUE))
-        return torch.cat(mean), torch.cat(precision).double()
-
-    def list_groups(self) -> list[Int[Tensor, " n"]]:
-        """Places of the parameters that make a law more than linear: of the map, the frame, V and nu."""
-        energy, _, _ = self.terms
-        above = {
-            MAP: torch.tensor(True),
-            "mass_term.frame.coefficients": torch.tensor(True),
-            "energy.coefficients": energy.exponents.sum(1) > SPRINGS,
-            "energy.input_coefficients": energy.input_exponents.sum(1) > LOADS,
-        }
-        groups = [self.find_columns(name)[each.expand_as(self.parts[name]).reshape(-1)] for name, each in above.items()]
-        return [group for group in groups if len(group)]
-
-    def scale_direction(self) -> Float[Tensor, " p"]:
-        """How the parameters move when all energies and forces grow alike, which no motion shows."""
-        shares = {"coefficients": 1.0, "input_coefficients": 1.0, "factor": 0.5}
-        rows = []
-        for name, p in self.parts.items():
-            of_energy = name.startswith("energy.") or name.endswith("factor")
-            rows.append(shares[name.split(".")[-1]] * of_energy * p.detach().reshape(-1))
-        return torch.cat(rows)
-
-    @torch.no_grad()
-    def roll_out(self, theta: Float[Tensor, " p"], starts: States, windows: Windows) -> Paths:
-        """States of all windows, the start included; leaves the law at ``theta``."""
-        self.write(theta)
-        return torch.from_numpy(
-            polynomial_kernels.roll_out(
-                list_law_arrays(*self.terms), starts.numpy(), windows.inputs.numpy(), windows.steps.numpy()
-            )
-        )
-
-    @torch.no_grad()
-    def observe(self, theta: Float[Tensor, " p"], x: Float[Tensor, "K n d"]) -> Float[Tensor, "K n d"]:
-        """Latents at positions in the coordinates of the law; leaves the law at ``theta``."""
-        self.write(theta)
-        return self.coordinates.invert(x.flatten(0, 1)).view(x.shape)
-
-    @torch.no_grad()
-    def differentiate_observation(
-        self, theta: Float[Tensor, " p"], q: Float[Tensor, "K n d"]
-    ) -> tuple[Float[Tensor, "K n d d"], Float[Tensor, "K n d m"]]:
-        """Derivatives of the latents ``q`` by the position and by the coefficients of the map."""
-        self.write(theta)
-        flat, shape = q.flatten(0, 1), q.shape
-        value, _ = evaluate_monomials(flat, self.coordinates.exponents, ball=self.coordinates.ball)
-        inverse = torch.linalg.inv(self.coordinates.evaluate(flat)[1])
-        by_map = -torch.einsum("bij,bk->bikj", inverse, value)
-        return inverse.view(*shape, -1), by_map.reshape(*shape, -1)
-
-    @torch.no_grad()
-    def differentiate(
-        self, theta: Float[Tensor, " p"], path: Paths, windows: Windows
-    ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s k"]]:
-        """Derivatives of every state by the start of its window and by all parameters but the map's."""
-        self.write(theta)
-        transition, sensitivity = polynomial_kernels.differentiate_path(
-            list_law_arrays(*self.terms), path.numpy(), windows.inputs.numpy(), windows.steps.numpy()
-        )
-        return torch.from_numpy(transition), torch.from_numpy(sensitivity)
-
-    def _split(self, theta: Tensor) -> dict[str, Tensor]:
-        pieces = theta.split([p.numel() for p in self.parts.values()])
-        return {name: x.view(p.shape) for (name, p), x in zip(self.parts.items(), pieces, strict=True)}
-
-
-class Guard:
-    """Points at which the map of a law must stay invertible and its energy stable.
-
-    Where the loaded stiffness is positive between the states of the recording, there is one equilibrium at
-    most. Without the guard, polynomials that fit the states bend down beside them, and maps fold.
-
-    Args:
-        parameters: of the law.
-        trajectory: states and inputs; a point of the energy mixes two states, a little beyond both, and any
-            input; one lies far outside.
-        seed: of the points.
-    """
-
-    def __init__(self, parameters: ParameterVector, trajectory: EncodedTrajectory, *, seed: int) -> None:
-        energy, coordinates = parameters.terms[0], parameters.coordinates
-        q, u = trajectory.latents, trajectory.inputs
-        self.eye = torch.eye(q.shape[1], dtype=torch.float64)
-        around = draw_states(coordinates.ball, MAP_GUARDED, reach=REACH, seed=seed)
-        self.slopes = evaluate_monomials(around, coordinates.exponents, ball=coordinates.ball)[1]
-        rng = np.random.default_rng(seed)
-        share = rng.uniform(-BEYOND, 1.0 + BEYOND, (GUARDED, 1))
-        one, other = q[rng.integers(len(q), size=(2, GUARDED))]
-        at = torch.from_numpy(np.clip(share * one + (1.0 - share) * other, q.min(axis=0), q.max(axis=0)))
-        load = torch.from_numpy(rng.uniform(u.min(axis=0), u.max(axis=0), (GUARDED, u.shape[1])))
-        with torch.no_grad():  # the stiffness is that at the points as the map is now
-            at, _ = coordinates.evaluate(at)
-        at, load = torch.cat([at, at[:1] + FAR]), torch.cat([load, load[:1]])
-        (_, elastic), (_, pushed) = energy.differentiate_terms(at)
-        loaded = -torch.einsum("nc,nkij->nckij", load, pushed).flatten(1, 2)
-        self.curvatures = torch.cat([elastic, loaded], 1)  # of the energy
-        self.of_map = parameters.find_columns(MAP)
-        self.of_energy = parameters.find_columns("energy.coefficients", "energy.input_coefficients")
-
-    def add_folds(self, coordinates: PolynomialMap) -> bool:
-        """Add points at which a map has come near a fold in spite of the guard; whether there are any."""
-        states = draw_states(coordinates.ball, CHECKED, reach=REACH, seed=0)
-        stretch = measure_stretch(coordinates.evaluate(states)[1])[0]
-        near = stretch.argsort()[:ADDED]
-        near = near[stretch[near] < 0.5 * LEAST_STRETCH]
-        slopes = evaluate_monomials(states[near], coordinates.exponents, ball=coordinates.ball)[1]
-        self.slopes = torch.cat([self.slopes, slopes])
-        return bool(len(near))
-
-    def measure(self, theta: Float[Tensor, " p"]) -> tuple[Float[Tensor, " n"], Float[Tensor, "n p"]]:
-        """What stiffness and stretch lack, in units of what may lack, and its derivatives by ``theta``."""
-        stiffness = torch.einsum("k,nkij->nij", theta[self.of_energy], self.curvatures)
-        values, vectors = torch.linalg.eigh(stiffness)
-        weakest = vectors[:, :, 0]
-        by_energy = torch.einsum("ni,nkij,nj->nk", weakest, self.curvatures, weakest)
-        coefficients = theta[self.of_map].view(-1, len(self.eye))
-        stretch, outer = measure_stretch(self.eye + torch.einsum("ki,nkl->nil", coefficients, self.slopes))
-        by_map = torch.einsum("nil,nkl->nki", outer, self.slopes).flatten(1)
-        lacking, rows = [], []
-        for value, columns, by_column, least, unit in (
-            (values[:, 0], self.of_energy, by_energy, LEAST_STIFFNESS, LACKING_STIFFNESS),
-            (stretch, self.of_map, by_map, LEAST_STRETCH, LACKING_STRETCH),
-        ):
-            short = (least - value).clamp(min=0.0)
-            row = theta.new_zeros(len(short), len(theta))
-            row[:, columns] = -by_column * (short > 0.0)[:, None]
-            lacking.append(short / unit)
-            rows.append(row / unit)
-        return torch.cat(lacking), torch.cat(rows)
+REGUARDED = 2  # times that a fit is repeated because its map came near a fold
 
 
 @dataclass(frozen=True)
@@ -385,6 +91,7 @@ class MultipleShooting:
         memory: correlation of the noise from frame to frame: it is autoregressive.
         coupling: standard deviation of the gaps between windows, one for each position and velocity.
         guard: keeps the map invertible and the loaded stiffness positive.
+        prior: of the parameters; none of the terms is absent by default.
     """
 
     def __init__(
@@ -396,77 +103,13 @@ class MultipleShooting:
         memory: Float64[np.ndarray, " d"],
         coupling: Float64[np.ndarray, " s"],
         guard: Guard | None = None,
-        relevance: Float64[np.ndarray, " g"] | None = None,
+        prior: Prior | None = None,
     ) -> None:
         self.parameters, self.windows, self.guard = parameters, windows, guard
         self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
         self.coupling = torch.from_numpy(coupling)
         self.before = np.flatnonzero(windows.linked)
-        self.prior_mean, self.unit_precision = parameters.weigh_prior()
-        self.groups = parameters.list_groups()
-        self.relevance = np.ones(len(self.groups)) if relevance is None else relevance
-
-    @property
-    def precision(self) -> Float[Tensor, " p"]:
-        """Of the prior of each parameter."""
-        precision = self.unit_precision.clone()
-        for group, relevance in zip(self.groups, self.relevance, strict=True):
-            precision[group] *= relevance
-        return precision
-
-    def estimate_relevance(
-        self, theta: Float[Tensor, " p"], normal: NormalEquations
-    ) -> Float64[np.ndarray, " g"]:
-        """Precisions of the priors of the groups that the recording asks for; those without any stay so.
-
-        Source: MacKay 1992, DOI 10.1162/neco.1992.4.3.415.
-        """
-        states = eliminate_states(normal, self.windows.linked, damping=0.0)
-        variance = np.diag(np.linalg.inv(states.law))
-        precision, estimated = self.precision.numpy(), self.relevance.copy()
-        for i, (group, before) in enumerate(zip(self.groups, self.relevance, strict=True)):
-            if before == ABSENT:
-                continue
-            determined = float(np.sum(1.0 - precision[group] * variance[group]))
-            size = float((self.unit_precision[group] * theta[group].square()).sum())
-            after = np.clip(max(determined, 1e-3) / max(size, 1e-12), before / FASTEST, before * FASTEST)
-            estimated[i] = ABSENT if after > MOST_RELEVANCE else max(after, LEAST_RELEVANCE)
-        return estimated
-
-    def find_missing_group(
-        self, theta: Float[Tensor, " p"], now: Residuals
-    ) -> tuple[float, int, float]:
-        """Gain of evidence [nat] of the absent group that lacks most, its number and its relevance.
-
-        Source: Tipping and Faul 2003, "Fast marginal likelihood maximisation for sparse Bayesian models".
-        """
-        present, absent = self.relevance, np.flatnonzero(self.relevance == ABSENT).tolist()
-        self.relevance = np.where(present == ABSENT, 0.0, present)
-        normal = self.assemble(theta, now, self.differentiate(theta, now))
-        self.relevance = present
-        states = eliminate_states(normal, self.windows.linked, damping=0.0)
-        inside = np.ones(len(theta), dtype=bool)
-        for i in absent:
-            inside[self.groups[i]] = False
-        best = (0.0, -1, ABSENT)
-        try:
-            factor = cho_factor(states.law[np.ix_(inside, inside)])
-        except np.linalg.LinAlgError:
-            return best
-        for i in absent:
-            group, unit = self.groups[i].numpy(), self.unit_precision[self.groups[i]].numpy()
-            across = states.law[np.ix_(inside, group)]
-            solved = cho_solve(factor, across)
-            scale = 1.0 / np.sqrt(unit)  # parameters of unit size at relevance one
-            information = states.law[np.ix_(group, group)] - across.T @ solved
-            information = scale[:, None] * information * scale
-            slope = scale * (states.law_right[group] - solved.T @ states.law_right[inside])
-            values, vectors = np.linalg.eigh(information)
-            values, along = np.maximum(values, 0.0), np.square(vectors.T @ slope)
-            for relevance in RELEVANCES:
-                gain = 0.5 * float(np.sum(along / (values + relevance) - np.log1p(values / relevance)))
-                best = max(best, (gain, i, relevance))
-        return best
+        self.prior = prior or make_prior(parameters)
 
     def fit(
         self,
@@ -476,14 +119,16 @@ class MultipleShooting:
         least_gain: float,
         least_share: float = 0.0,
         hold_law: bool = False,
-        learn_prior: bool = False,
-        least_growth: float = 2.0,
+        least_growth: float | None = None,
     ) -> WindowFit:
         """Take damped Gauss-Newton steps, and leave the law at the best parameters.
 
         It ends when the logarithm of the posterior density grows less than ``least_gain`` twice in a row, or
-        once by less than ``least_share`` of the misfit.
-        With ``hold_law`` the states at the window starts move alone.
+        once by less than ``least_share`` of the misfit. With ``hold_law`` the states at the window starts
+        move alone.
+
+        With ``least_growth`` the evidence sets the prior as well: its relevance follows the law, and where
+        the fit would end, absent terms are added that raise the evidence by so much [nat].
         """
         theta, damping, steps, small = self.parameters.read(), FIRST_DAMPING, 0, 0
         now = self.evaluate(theta, starts)
@@ -493,10 +138,8 @@ class MultipleShooting:
             slopes = self.differentiate(theta, now)
             normal = self.assemble(theta, now, slopes)
             changed = 0.0
-            if steps and learn_prior:
-                relevance = self.estimate_relevance(theta, normal)
-                changed = float(np.abs(np.log(relevance / self.relevance)).max(initial=0.0))
-                self.relevance = relevance
+            if steps and least_growth is not None:
+                changed = self._follow_prior(theta, normal)
                 now = self.evaluate(theta, starts)
                 normal = self.assemble(theta, now, slopes)
             for _ in range(ATTEMPTS):
@@ -514,13 +157,8 @@ class MultipleShooting:
             theta, starts, now = theta + step[1], starts + step[0], after
             damping, steps = max(damping / WEAKENED, LEAST_DAMPING), steps + 1
             if small == SMALL_GAINS or gain < least_share * now.cost:
-                if not learn_prior:
+                if least_growth is None or not self._add_terms(theta, now, least_growth):
                     break
-                grown = self.find_missing_group(theta, now)
-                if grown[0] < least_growth:
-                    break
-                self.relevance = self.relevance.copy()
-                self.relevance[grown[1]] = grown[2]
                 now, small, damping = self.evaluate(theta, starts), 0, FIRST_DAMPING
         self.parameters.write(theta)
         error = now.error.numpy()
@@ -529,6 +167,24 @@ class MultipleShooting:
         return WindowFit(
             starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
         )
+
+    def _follow_prior(self, theta: Float[Tensor, " p"], normal: NormalEquations) -> float:
+        """Change the prior as the evidence asks; return the largest change of a logarithm."""
+        states, before = eliminate_states(normal, self.windows.linked, damping=0.0), self.prior
+        with suppress(np.linalg.LinAlgError):  # a law that nothing determines yet
+            self.prior = before.estimate_relevance(theta.numpy(), states.law)
+        return float(np.abs(np.log(self.prior.relevance / before.relevance)).max(initial=0.0))
+
+    def _add_terms(self, theta: Float[Tensor, " p"], now: Residuals, least_gain: float) -> bool:
+        """Add the absent terms that raise the evidence most to the prior; whether there are any."""
+        present = self.prior
+        self.prior = present.without_absent()
+        states = eliminate_states(
+            self.assemble(theta, now, self.differentiate(theta, now)), self.windows.linked, damping=0.0
+        )
+        grown = present.add_group(states.law, states.law_right, least_gain=least_gain)
+        self.prior = grown or present
+        return grown is not None
 
     def _step(
         self,
@@ -606,9 +262,9 @@ class MultipleShooting:
         error = latents - self.windows.targets[:, :-1]
         position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
-        prior = (self.precision * (theta - self.prior_mean).square()).sum()
+        prior = float(self.prior.precision @ np.square(theta.numpy() - self.prior.mean))
         if self.guard is not None:
-            prior = prior + self.guard.measure(theta)[0].square().sum()
+            prior += float(self.guard.measure(theta)[0].square().sum())
         cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
         return Residuals(path, latents, error, position, gap, cost if np.isfinite(cost) else float("inf"))
 
@@ -649,24 +305,24 @@ class MultipleShooting:
         mixed[before] += here.mT @ along
         mixed[before + 1] += inverse[:, None] * along
         rows = np.concatenate([by_law.reshape(-1, p), along.reshape(-1, p)])
-        prior = self.precision.numpy()
+        prior = self.prior.precision
         law = rows.T @ rows + np.diag(prior)
-        law_gradient = law_gradient + prior * (theta - self.prior_mean).numpy()
+        law_gradient = law_gradient + prior * (theta.numpy() - self.prior.mean)
         if self.guard is not None:
             lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
             law, law_gradient = law + by_law.T @ by_law, law_gradient + by_law.T @ lacking
         return NormalEquations(states, link, mixed, law, states_gradient, law_gradient)
 
     def measure_evidence(self, fitted: WindowFit) -> float:
-        """Logarithm of the likelihood of the law, less half a logarithm of the data for each parameter [nat].
+        """Logarithm of the evidence of a law [nat].
 
-        The window starts are integrated out, by Laplace's method. Laws, and how far the motion may depart
-        from them between windows, are compared by it.
+        The window starts and the parameters are integrated out, by Laplace's method. Priors, and how far the
+        motion may depart from a law between windows, are compared by it.
 
         Raises:
             numpy.linalg.LinAlgError: the starts are not determined.
 
-        Source: Schwarz 1978, DOI 10.1214/aos/1176344136.
+        Source: MacKay 1992, DOI 10.1162/neco.1992.4.3.415.
         """
         theta = self.parameters.read()
         now = self.evaluate(theta, fitted.starts)
@@ -676,7 +332,7 @@ class MultipleShooting:
         fresh = self.noise.log() + 0.5 * (n - 1) / n * (1.0 - self.memory**2).log()
         log_norm = k * n * float(fresh.sum()) + len(now.gap) * float(self.coupling.log().sum())
         log_volume = float(np.linalg.slogdet(states.inverse)[1].sum())
-        log_volume += float(self.precision.log().sum()) - np.linalg.slogdet(states.law)[1]
+        log_volume += float(np.log(self.prior.precision).sum()) - np.linalg.slogdet(states.law)[1]
         return float(0.5 * log_volume - log_norm - now.cost)
 
     def score_windows(self, fitted: WindowFit) -> "WindowScores":
@@ -707,7 +363,7 @@ class MultipleShooting:
         scale = self.parameters.scale_direction().numpy()
         scale = scale / np.linalg.norm(scale)
         held = np.trace(states.law) * np.outer(scale, scale)
-        return WindowScores(scores, each, states.law + held, self.precision.numpy())
+        return WindowScores(scores, each, states.law + held, self.prior.precision)
 
 
 class Slopes(NamedTuple):
@@ -798,7 +454,7 @@ def fit_windows(
     least_gain: float,
     least_share: float = 0.0,
     hold_law: bool = False,
-    learn_prior: bool = False,
+    least_growth: float | None = None,
     relevance: Float64[np.ndarray, " g"] | None = None,
     near: tuple[MultipleShooting, WindowFit] | None = None,
 ) -> tuple[MultipleShooting, WindowFit]:
@@ -814,6 +470,8 @@ def fit_windows(
         iterations: Gauss-Newton steps at most.
         least_gain, least_share: of a step [nat], and relative to the misfit; fits end after smaller ones.
         hold_law: fit the window starts alone.
+        least_growth: gain of evidence for which terms are added [nat]; None leaves the prior as it is.
+        relevance: of the groups of the prior, at first.
         near: a fit of the same function; its window starts are the first guess if its windows are these.
 
     Raises:
@@ -828,8 +486,9 @@ def fit_windows(
         state = torch.cat(parameters.coordinates.push(torch.from_numpy(smooth.latents), velocity), 1)
     size = coupling * (state.std(0, correction=0).numpy() + 1e-12)
     guard = Guard(parameters, measured, seed=0)
+    prior = make_prior(parameters, relevance)
     problem = MultipleShooting(
-        parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard, relevance=relevance
+        parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard, prior=prior
     )
     starts = state[torch.from_numpy(windows.frames)]
     if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):
@@ -840,7 +499,7 @@ def fit_windows(
         least_gain=least_gain,
         least_share=least_share,
         hold_law=hold_law,
-        learn_prior=learn_prior,
+        least_growth=least_growth,
     )
     fitted = fit(starts)
     for _ in range(REGUARDED):
