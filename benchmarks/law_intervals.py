@@ -16,7 +16,7 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.config.compose import compose
 from lagsplat.stage2.fit import fit_dynamics
 from lagsplat.stage2.lagrangian import linearize_modes
-from lagsplat.stage2.multiple_shooting import ParameterVector
+from lagsplat.stage2.parameter_vector import ParameterVector
 from lagsplat.stage2.uncertainty import draw_modes, measure_intervals
 
 FRAMES, DT_S, FREQUENCY_HZ, DECAY_PER_S = 600, 1 / 30, 1.5, 0.5

@@ -12,7 +12,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, select_held_out
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 from lagsplat.stage2.config import Degrees
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
@@ -106,7 +106,7 @@ def require_same_run(autoencoder: Autoencoder, chart: Chart, recording: Recordin
             "make the chart again from this recording"
         )
     probed = np.linspace(0, recording.n_frames - 1, PROBED).astype(np.int64)
-    fresh = chart.to_whitened(encode_frames(autoencoder, np.asarray(recording.frames[probed])))
+    fresh = chart.encode(autoencoder, np.asarray(recording.frames[probed]))
     apart = float(np.abs(fresh - chart.latents[probed]).max())
     if not apart < 1e-2:
         raise ValueError(

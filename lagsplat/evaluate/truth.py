@@ -13,7 +13,7 @@ from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
-from lagsplat.stage2.multiple_shooting import ParameterVector
+from lagsplat.stage2.parameter_vector import ParameterVector
 from lagsplat.stage2.uncertainty import STEP, TAILS, draw_modes, measure_intervals
 from lagsplat.systems.truth import Truth
 

@@ -27,7 +27,6 @@ from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.trajectory.inputs import read_input_log
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.runs.run import FittedRun, open_run
-from lagsplat.stage1.autoencoder import encode_frames
 
 HELD_OUT = "held_out"  # names the held-out part of a run's own recording
 MOVED = (
@@ -222,7 +221,7 @@ def _read_trajectory(
     shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
     findings += check_camera(shift, source=Path(source.path).name)
     log = read_input_log(source.inputs) if source.inputs else None
-    latents = run.chart.to_whitened(encode_frames(run.autoencoder, recording.frames))
+    latents = run.chart.encode(run.autoencoder, recording.frames)
     motion = make_video_trajectory(recording, latents, log=log, source=source.path)
     _check_size(run, motion, source.path)
     return RecordedTrajectory(_rename_inputs(motion, run), recording, shift, tuple(findings))

@@ -115,6 +115,7 @@ class Stage1Config:
     batch: int  # frames a step
     backend: str  # rasteriser: 'auto', 'numba', 'torch' or 'gsplat'
     checkpoint_every_s: float
+    refinement_steps: int  # Gauss-Newton steps by which the decoder corrects the encoder's latents afterwards
     loss: LossConfig
     rate: RateConfig
     init: InitConfig
@@ -122,6 +123,7 @@ class Stage1Config:
 
     def __post_init__(self) -> None:
         check.require_least(self, "stage1", 1, "d", "n_gaussians", "channels", "steps", "batch")
+        check.require_least(self, "stage1", 0, "refinement_steps")
         even = self.kernel > 0 and self.kernel % 2 == 0
         rule = "must be even and positive, so that stride 2 halves the image exactly"
         check.require_setting("stage1.kernel", self.kernel, even, rule)

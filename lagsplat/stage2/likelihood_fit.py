@@ -21,7 +21,8 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, fit_windows
-from lagsplat.stage2.parameter_vector import ParameterVector
+from lagsplat.stage2.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
+from lagsplat.stage2.prior import ABSENT
 from lagsplat.stage2.uncertainty import draw_parameters
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
@@ -188,6 +189,8 @@ class LikelihoodFit:
         """
         climbed = self._climb(start)
         chosen = self._tighten(climbed.with_fitted_noise(), self._list_legs(climbed.coupling), part=1)
+        if chosen.relevance is not None and ABSENT in chosen.relevance:
+            chosen = self._fit(drop_absent_terms(chosen, seed=self.seed), 1.0, chosen.coupling, part=1)
         if not chosen.errors.score < MEAN_STATE:
             raise ValueError(
                 f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
@@ -200,7 +203,7 @@ class LikelihoodFit:
     def _climb(self, start: FittedLaw) -> FittedLaw:
         """Fit a start with all terms, whose priors the evidence tells."""
         loose, safe = self._estimate_noise(start)
-        full = grow_law(loose.law, self.most, seed=self.seed)
+        full = change_degrees(loose.law, self.most, seed=self.seed)
         relevance = np.ones(len(ParameterVector(full).list_groups()))
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
@@ -316,8 +319,8 @@ def _is_mechanism(law: Lagrangian) -> bool:
     return law.coordinates.measure_least_stretch() > 0.0 and law.energy.measure_far_stiffness() > 0.0
 
 
-def grow_law(law: Lagrangian, degrees: Degrees, *, seed: int) -> Lagrangian:
-    """Make a polynomial law of higher degrees that is the same function as ``law``."""
+def change_degrees(law: Lagrangian, degrees: Degrees, *, seed: int) -> Lagrangian:
+    """Make a polynomial law of other degrees: the same function as ``law``, less the terms that it lacks."""
     eye = torch.eye(law.d, dtype=torch.float64)
     grown = Lagrangian(
         Coefficients(eye, eye, eye, eye.new_zeros(law.n_inputs, law.d), eye.new_zeros(law.d)),
@@ -331,13 +334,31 @@ def grow_law(law: Lagrangian, degrees: Degrees, *, seed: int) -> Lagrangian:
     for name, values in law.state_dict().items():
         # polynomials are in the order of degrees
         if name.startswith("energy.") and name.endswith("coefficients"):
-            state[name].zero_()[..., : values.shape[-1]] = values
+            n = min(values.shape[-1], state[name].shape[-1])
+            state[name].zero_()[..., :n] = values[..., :n]
         elif name.endswith(("frame.coefficients", "coordinates.coefficients")):
-            state[name].zero_()[: len(values)] = values
+            n = min(len(values), len(state[name]))
+            state[name].zero_()[:n] = values[:n]
         else:
             state[name] = values
     grown.load_state_dict(state)
     return grown
+
+
+def drop_absent_terms(fitted: FittedLaw, *, seed: int) -> FittedLaw:
+    """The same law without the terms that the evidence has taken out."""
+    assert fitted.relevance is not None
+    groups = ParameterVector(fitted.law).list_groups()
+    absent = {name for name, each in zip(groups, fitted.relevance, strict=True) if each == ABSENT}
+    now = fitted.law.form.degrees
+    degrees = Degrees(
+        potential=2 if POTENTIAL in absent else now.potential,
+        inputs=1 if VOLUMES in absent else now.inputs,
+        coordinates=1 if MAP in absent else now.coordinates,
+        matrices=0 if FRAME in absent else now.matrices,
+    )
+    relevance = fitted.relevance[fitted.relevance != ABSENT]
+    return replace(fitted, law=change_degrees(fitted.law, degrees, seed=seed), relevance=relevance)
 
 
 def list_lower_degrees(degrees: Degrees) -> list[Degrees]:

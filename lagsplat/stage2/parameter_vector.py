@@ -46,7 +46,7 @@ class ParameterVector:
         return torch.cat([first[name] + torch.arange(self.parts[name].numel()) for name in names])
 
     def list_groups(self) -> dict[str, Int[Tensor, " n"]]:
-        """Places of the terms that a linear law has not: of the map, the frame, V and nu, where there are any."""
+        """Places of the terms that a linear law has not: of the map, the frame, V and nu."""
         energy, _, _ = self.terms
         every = torch.tensor(True)
         above = {

@@ -4,11 +4,12 @@ A law is linear unless the recording says otherwise. Its other terms fall into g
 mass and damping, the potential and the inputs. Each group has a normal prior about zero whose precision, the
 relevance of the group, maximises the evidence. Groups that explain nothing vanish so, and none needs a
 threshold. Within a group a monomial ``q^a`` has the standard deviation that it has in a random function with
-the covariance ``exp(-|q - q'|^2 / (2 l^2))``, which makes high degrees small; ``l`` is the edge of the data.
+the covariance ``exp(-|q - q'|^2 / (2 l^2))``, which makes high degrees small; ``l`` is the edge of the
+data.
 
-Source: MacKay 1992, DOI 10.1162/neco.1992.4.3.415 (evidence); Tipping and Faul 2003, "Fast marginal likelihood
-maximisation for sparse Bayesian models" (groups that are absent); Cotter et al. 2011, arXiv:1109.4603 (monomials
-of the Gaussian kernel).
+Source: MacKay 1992, DOI 10.1162/neco.1992.4.3.415 (evidence); Tipping and Faul 2003, "Fast marginal
+likelihood maximisation for sparse Bayesian models" (groups that are absent); Cotter et al. 2011,
+arXiv:1109.4603 (monomials of the Gaussian kernel).
 """
 
 from collections.abc import Sequence
@@ -118,7 +119,10 @@ class Prior:
 
 
 def make_prior(parameters: ParameterVector, relevance: Float64[np.ndarray, " g"] | None = None) -> Prior:
-    """A prior that is vague about the linear part of a law as it is; all groups have relevance one by default."""
+    """A prior that is vague about the linear part of a law, and expects it as it is.
+
+    The relevance of all groups is one by default.
+    """
     energy, mass, _ = parameters.terms
     bends = parameters.coordinates.exponents
     sizes = {
@@ -129,15 +133,18 @@ def make_prior(parameters: ParameterVector, relevance: Float64[np.ndarray, " g"]
     }
     theta = parameters.read().numpy()
     mean, unit = theta.copy(), np.full(len(theta), VAGUE)
-    groups = parameters.list_groups()
+    groups = {name: group.numpy() for name, group in parameters.list_groups().items()}
     for name, group in groups.items():
-        shape = parameters.parts[name].shape
-        of_monomial = sizes[name][:, None, None] if name == FRAME else sizes[name]
-        of_monomial = sizes[name][:, None] if name == MAP else of_monomial
+        part = parameters.parts[name]
+        size = (
+            sizes[name]
+            if part.dim() == 1 or name == VOLUMES
+            else sizes[name].view(-1, *[1] * (part.dim() - 1))
+        )
         whole = torch.zeros(len(theta), dtype=torch.float64)
-        whole[parameters.find_columns(name)] = of_monomial.expand(shape).reshape(-1)
-        unit[group], mean[group] = whole[group].square().numpy(), 0.0
-    places = [group.numpy() for group in groups.values()]
+        whole[parameters.find_columns(name)] = size.expand(part.shape).reshape(-1)
+        unit[group], mean[group] = whole.numpy()[group] ** 2, 0.0
+    places = list(groups.values())
     return Prior(mean, unit, places, np.ones(len(places)) if relevance is None else relevance)
 
 

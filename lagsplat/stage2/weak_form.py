@@ -88,9 +88,8 @@ def fit_weak_form(
     elastic = np.insert(elastic, squares[0], d - elastic[[k - 1 for k in squares[1:]]].sum())
     pushed = pushed.reshape(n_inputs, len(input_exponents))
     # slower than half the frame rate, or the law has modes that no film shows and no rollout follows
-    floors = Floors(
-        max(MASS_FLOOR * np.trace(mass) / d, balance.least_mass), DAMPING_FLOOR * np.trace(damping) / d, 0.0
-    )
+    least_mass = max(MASS_FLOOR * np.trace(mass) / d, balance.least_mass)
+    floors = Floors(least_mass, DAMPING_FLOOR * np.trace(damping) / d, 0.0)
     two = 2.0 * torch.eye(d, dtype=torch.float64)
     none = torch.zeros(n_inputs, d, dtype=torch.float64)
     start = Coefficients(torch.from_numpy(mass), torch.from_numpy(damping), two, none, 0.0 * two[0])

@@ -10,7 +10,7 @@ from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import IMAGES
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 
 
 def choose_evenly(n: int, most: int) -> np.ndarray:
@@ -39,7 +39,7 @@ def compute_decoding_errors(
     """Mean squared error of evenly spaced frames, each decoded from its own latents."""
     at = choose_evenly(recording.n_frames, IMAGES.max_frames)
     frames = np.stack([np.asarray(recording.frames[i]) for i in at])
-    q = chart.to_whitened(encode_frames(autoencoder, frames))
+    q = chart.encode(autoencoder, frames)
     return image_errors(render_latents(autoencoder, chart, q), frames / 255.0)
 
 

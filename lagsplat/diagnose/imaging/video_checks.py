@@ -18,7 +18,7 @@ from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, Spl
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
+from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.video_quality.assessment import CAMERA_PX
 from lagsplat.video_quality.camera_motion import measure_path, track_background
 from lagsplat.video_quality.frames import make_small_grey
@@ -181,13 +181,13 @@ def _measure_latent_shift(
     """Largest mean change of a whitened latent when images are shifted by ``far_px`` along x or y."""
     chosen = np.linspace(0, recording.n_frames - 1, VIDEO_CHECKS.shifted_frames).astype(int)
     frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
-    q = chart.to_whitened(encode_frames(autoencoder, frames))
+    q = chart.encode(autoencoder, frames)
     changes = []
     for x, y in ((far_px, 0.0), (0.0, far_px)):
         matrix = np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
         size = frames.shape[2], frames.shape[1]
         shifted = [cv2.warpAffine(frame, matrix, size, borderMode=cv2.BORDER_REPLICATE) for frame in frames]
-        moved = chart.to_whitened(encode_frames(autoencoder, np.stack(shifted)))
+        moved = chart.encode(autoencoder, np.stack(shifted))
         changes.append(np.abs(moved - q).mean(axis=0).max())
     return float(max(changes))
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float32, Float64
 from scipy.spatial import cKDTree
 
@@ -164,13 +163,8 @@ class Scene:
                 f"predicted frames of {images.shape[2]} x {images.shape[3]} pixels, but the encoder was "
                 f"trained on {size[0]} x {size[1]}; predict frames of the size that was trained on"
             )
-        device = next(self.autoencoder.parameters()).device
-        with torch.no_grad():
-            parts = [
-                self.autoencoder.encode(part.to(device)).double().cpu()
-                for part in torch.from_numpy(np.clip(images, 0.0, 1.0)).split(CHUNK)
-            ]
-        return self.chart.to_whitened(torch.cat(parts).numpy())
+        frames = np.round(255.0 * np.clip(np.moveaxis(images, 1, 3), 0.0, 1.0)).astype(np.uint8)
+        return self.chart.encode(self.autoencoder, frames)
 
     def read(self, images: Float32[np.ndarray, "N 3 H W"]) -> StateReading:
         """Encode predicted images and check whether each is in range.

@@ -16,6 +16,7 @@ CONFIG = ChartConfig(
     eigenvalue_floor=1e-8,
     visibility_frames=4,
     visibility_step=1e-2,
+    refinement_steps=0,
     dimension_frames=60,
     dimension_neighbours=5,
 )

@@ -10,6 +10,7 @@ GOOD = {
     "eigenvalue_floor": 1e-5,
     "visibility_frames": 8,
     "visibility_step": 1e-2,
+    "refinement_steps": 1,
     "dimension_frames": 200,
     "dimension_neighbours": 10,
 }
@@ -22,6 +23,7 @@ GOOD = {
         ("rest_frames", 0),
         ("eigenvalue_floor", 1.0),
         ("visibility_step", 0.0),
+        ("refinement_steps", -1),
         ("dimension_neighbours", 2),
     ],
 )

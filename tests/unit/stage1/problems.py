@@ -29,6 +29,7 @@ def small_config(**changes: object) -> Stage1Config:
         "batch": 8,
         "backend": "numba",
         "checkpoint_every_s": 0.0,
+        "refinement_steps": 0,
         "loss": LossConfig(
             l1=0.8, ssim=0.2, nonlocal_filter=1e-4, anisotropy=0.01, ssim_window=7, anisotropy_limit=5.0
         ),
