@@ -10,17 +10,12 @@ from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2 import multiple_shooting
-from lagsplat.stage2.multiple_shooting import (
-    MAP,
-    Guard,
-    MultipleShooting,
-    ParameterVector,
-    choose_stretches,
-    cut_windows,
-    solve_normal,
-)
+from lagsplat.stage2.guard import MAP_STATES, STATES, Guard
+from lagsplat.stage2.multiple_shooting import MultipleShooting, solve_normal
+from lagsplat.stage2.parameter_vector import MAP, ParameterVector
 from lagsplat.stage2.polynomials import draw_states, make_wide_ball
 from lagsplat.stage2.rollout import rollout, rollout_in_torch
+from lagsplat.stage2.windows import choose_stretches, cut_windows
 from tests.stage2_problems import random_lagrangian
 
 DT_S = 0.02
@@ -120,12 +115,17 @@ def test_a_guard_asks_for_a_stiffness_and_a_map_that_does_not_fold() -> None:
     shooting, theta, _ = problem()
     guard, (energy, _, _) = shooting.guard, shooting.parameters.terms
     assert guard is not None
-    stiffness, stretch = guard.measure(torch.zeros_like(theta))[0].chunk(2)
+    stiffness, stretch = guard.measure(torch.zeros_like(theta))[0].split([STATES + 1, MAP_STATES])
     assert torch.all(stiffness > 2.0)
     assert not stretch.any()
     folded = theta.clone()
     folded[shooting.parameters.find_columns(MAP)] = -5.0
-    assert guard.measure(folded)[0].chunk(2)[1].any()
+    assert guard.measure(folded)[0][-MAP_STATES:].any()
+    assert not guard.add_folds(shooting.parameters.coordinates)
+    shooting.parameters.write(folded)
+    assert guard.add_folds(shooting.parameters.coordinates)
+    assert len(guard.measure(folded)[0]) > STATES + 1 + MAP_STATES
+    shooting.parameters.write(theta)
     with torch.no_grad():
         energy.set_quadratic(torch.eye(2).double(), torch.zeros(2).double(), torch.ones(1, 2).double())
     lacking, rows = guard.measure(shooting.parameters.read())
