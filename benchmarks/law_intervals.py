@@ -16,8 +16,8 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.config.compose import compose
 from lagsplat.stage2.fit import fit_dynamics
 from lagsplat.stage2.lagrangian import linearize_modes
-from lagsplat.stage2.parameter_vector import ParameterVector
-from lagsplat.stage2.uncertainty import draw_modes, measure_intervals
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from lagsplat.stage2.likelihood.uncertainty import draw_modes, measure_intervals
 
 FRAMES, DT_S, FREQUENCY_HZ, DECAY_PER_S = 600, 1 / 30, 1.5, 0.5
 NOISE, CORRELATION = 0.03, 0.7

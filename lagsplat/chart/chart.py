@@ -111,8 +111,14 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
     z = encode_frames(autoencoder, recording.frames)
     white = visibility.fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
     decode = partial(decode_whitened, autoencoder, white)
-    refinement = {"refinement_steps": config.refinement_steps, "difference": config.visibility_step}
-    q = encode_whitened(autoencoder, white, recording.frames, **refinement)
+    encode = partial(
+        encode_whitened,
+        autoencoder,
+        white,
+        refinement_steps=config.refinement_steps,
+        difference=config.visibility_step,
+    )
+    q = encode(recording.frames)
 
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
@@ -130,7 +136,7 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
         latents=q,
         inputs=np.asarray(recording.inputs, dtype=np.float64),
         time_s=np.asarray(recording.time_s, dtype=np.float64),
-        rest=encode_whitened(autoencoder, white, rest_image, **refinement)[0],
+        rest=encode(rest_image)[0],
         n_train=n_train,
         segments=tuple((int(a), int(b)) for a, b in recording.segments),
         smoothing_frames=config.smoothing_frames,

@@ -13,8 +13,8 @@ from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
-from lagsplat.stage2.parameter_vector import ParameterVector
-from lagsplat.stage2.uncertainty import STEP, TAILS, draw_modes, measure_intervals
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from lagsplat.stage2.likelihood.uncertainty import STEP, TAILS, draw_modes, measure_intervals
 from lagsplat.systems.truth import Truth
 
 VISIBLE = 0.05  # least share of the energy of a free window with which a mode counts as excited

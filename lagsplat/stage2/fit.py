@@ -36,7 +36,7 @@ from lagsplat.stage2.lagrangian import (
     find_equilibria,
     linearize_modes,
 )
-from lagsplat.stage2.likelihood_fit import LikelihoodFit
+from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
 from lagsplat.stage2.rollout import (
     ShootingTargets,

@@ -8,10 +8,10 @@ import torch
 from scipy.integrate import solve_ivp
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2 import likelihood_fit
 from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.fit import FitReport, fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.lagrangian import find_equilibria, linearize_modes
+from lagsplat.stage2.likelihood import likelihood_fit
 from lagsplat.stage2.rollout import interpolate_inputs, rollout
 from lagsplat.stage2.weak_form import fit_weak_form
 from tests.stage2_problems import form, random_lagrangian

@@ -9,13 +9,13 @@ import torch
 from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2 import multiple_shooting
-from lagsplat.stage2.guard import MAP_STATES, STATES, Guard
-from lagsplat.stage2.multiple_shooting import MultipleShooting, solve_normal
-from lagsplat.stage2.parameter_vector import MAP, ParameterVector
+from lagsplat.stage2.likelihood import multiple_shooting
+from lagsplat.stage2.likelihood.guard import MAP_STATES, STATES, Guard
+from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, solve_normal
+from lagsplat.stage2.likelihood.parameter_vector import MAP, ParameterVector
+from lagsplat.stage2.likelihood.windows import choose_stretches, cut_windows
 from lagsplat.stage2.polynomials import draw_states, make_wide_ball
 from lagsplat.stage2.rollout import rollout, rollout_in_torch
-from lagsplat.stage2.windows import choose_stretches, cut_windows
 from tests.stage2_problems import random_lagrangian
 
 DT_S = 0.02

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from lagsplat.stage2.parameter_vector import POTENTIAL, ParameterVector
-from lagsplat.stage2.prior import ABSENT, Prior, make_prior
+from lagsplat.stage2.likelihood.parameter_vector import POTENTIAL, ParameterVector
+from lagsplat.stage2.likelihood.prior import ABSENT, Prior, make_prior
 from tests.stage2_problems import random_lagrangian
 
 GROUPS = [np.arange(1, 4), np.arange(4, 8)]

@@ -8,9 +8,9 @@ from benchmarks.law_intervals import DECAY_PER_S, FREQUENCY_HZ, record
 from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.fit import fit_dynamics, load_parameter_draws, save_dynamics
 from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
-from lagsplat.stage2.multiple_shooting import WindowScores
-from lagsplat.stage2.parameter_vector import ParameterVector
-from lagsplat.stage2.uncertainty import draw_modes, draw_parameters, match_modes, measure_intervals
+from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from lagsplat.stage2.likelihood.uncertainty import draw_modes, draw_parameters, match_modes, measure_intervals
 from tests.stage2_problems import form
 from tests.unit.stage2.test_fit import config
 

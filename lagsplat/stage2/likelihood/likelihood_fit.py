@@ -3,7 +3,7 @@
 The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
 it. Then all terms are fitted together: a map into the coordinates of the law, since an encoder that bends the
 coordinates bends every term of the law alike; the energies; and the frame of mass and damping. How large each
-may be is set by the evidence, see `lagsplat.stage2.prior`.
+may be is set by the evidence, see `lagsplat.stage2.likelihood.prior`.
 """
 
 import copy
@@ -20,13 +20,13 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.multiple_shooting import MultipleShooting, WindowFit, fit_windows
-from lagsplat.stage2.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
-from lagsplat.stage2.prior import ABSENT
-from lagsplat.stage2.uncertainty import draw_parameters
+from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, WindowFit, fit_windows
+from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
+from lagsplat.stage2.likelihood.prior import ABSENT
+from lagsplat.stage2.likelihood.uncertainty import draw_parameters
+from lagsplat.stage2.likelihood.windows import choose_stretches
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
-from lagsplat.stage2.windows import choose_stretches
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
 MOST = {

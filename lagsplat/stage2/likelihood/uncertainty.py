@@ -19,8 +19,8 @@ from scipy.stats import norm, t
 from torch import Tensor
 
 from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
-from lagsplat.stage2.multiple_shooting import WindowScores
-from lagsplat.stage2.parameter_vector import ParameterVector
+from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 
 COVERAGE = 0.9  # of every interval
 TAILS = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))

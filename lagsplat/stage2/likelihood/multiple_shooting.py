@@ -24,11 +24,11 @@ from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.guard import Guard
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.stage2.parameter_vector import ParameterVector, Paths, States
-from lagsplat.stage2.prior import Prior, make_prior
-from lagsplat.stage2.windows import Windows, cut_windows
+from lagsplat.stage2.likelihood.guard import Guard
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, Paths, States
+from lagsplat.stage2.likelihood.prior import Prior, make_prior
+from lagsplat.stage2.likelihood.windows import Windows, cut_windows
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9

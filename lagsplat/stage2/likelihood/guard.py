@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.parameter_vector import MAP, POTENTIAL, VOLUMES, ParameterVector
+from lagsplat.stage2.likelihood.parameter_vector import MAP, POTENTIAL, VOLUMES, ParameterVector
 from lagsplat.stage2.polynomials import (
     CHECKED,
     REACH,

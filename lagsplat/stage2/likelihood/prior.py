@@ -21,7 +21,7 @@ from jaxtyping import Float, Float64, Int
 from scipy.linalg import cho_factor, cho_solve
 from torch import Tensor
 
-from lagsplat.stage2.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
+from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
 
 VAGUE = 1e-2  # precision of the coefficients of a linear law
 EDGE = 3.0  # of the data [standard deviations]
