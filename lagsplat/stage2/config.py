@@ -142,7 +142,7 @@ class ShootConfig:
 
 @dataclass
 class LikelihoodConfig:
-    """The fit of a polynomial law by maximum likelihood, see `lagsplat.stage2.likelihood.multiple_shooting`."""
+    """The fit of a polynomial law by maximum likelihood, see `lagsplat.stage2.likelihood`."""
 
     frames: int  # of the training clips that are used, in stretches spread evenly over them
     iterations: int  # Gauss-Newton steps at most for each length and coupling of the windows
