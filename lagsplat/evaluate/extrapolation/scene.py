@@ -152,7 +152,7 @@ class Scene:
         return decode_latents(self.autoencoder, self.chart.to_raw(states))
 
     def to_states(self, images: Float32[np.ndarray, "N 3 H W"]) -> Float64[np.ndarray, "N d"]:
-        """Whitened latents of images in [0, 1].
+        """Whitened latents of images in [0, 1]; NaN where a pixel is.
 
         Raises:
             ValueError: the images are of another size than the encoder's.
@@ -163,8 +163,10 @@ class Scene:
                 f"predicted frames of {images.shape[2]} x {images.shape[3]} pixels, but the encoder was "
                 f"trained on {size[0]} x {size[1]}; predict frames of the size that was trained on"
             )
-        frames = np.round(255.0 * np.clip(np.moveaxis(images, 1, 3), 0.0, 1.0)).astype(np.uint8)
-        return self.chart.encode(self.autoencoder, frames)
+        frames = np.clip(np.moveaxis(np.nan_to_num(images), 1, 3), 0.0, 1.0)
+        states = self.chart.encode(self.autoencoder, np.round(255.0 * frames).astype(np.uint8))
+        states[np.isnan(images).any(axis=(1, 2, 3))] = np.nan
+        return states
 
     def read(self, images: Float32[np.ndarray, "N 3 H W"]) -> StateReading:
         """Encode predicted images and check whether each is in range.
