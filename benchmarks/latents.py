@@ -1,7 +1,7 @@
 """Error of a chart's latents with and without refinement, against the true coordinates.
 
 Run as ``python benchmarks/latents.py RUN...`` after ``snakemake``, with folders of simulated recordings such
-as ``results/quick/simulated/pendulum/default-0``. An encoder is free to bend the coordinates smoothly, so what
+as ``results/quick/simulated/pendulum/default-0``. An encoder is free to bend the coordinates smoothly. What
 counts as an error is the part of a latent that no polynomial of degree `DEGREE` of the true coordinates
 explains: fitted to every second frame, measured on the others, relative to the latent's own deviation.
 """

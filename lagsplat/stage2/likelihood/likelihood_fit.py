@@ -236,7 +236,7 @@ class LikelihoodFit:
             now, before = self._fit(now, share, coupling, part=part), now.evidence
             if not now.evidence > before - INDIFFERENT or not _is_mechanism(now.law):
                 break
-            # a grown law may forecast well only once its windows are coupled closer than they like
+            # a richer law may forecast well only once its windows are coupled closer than they like
             if now.evidence > reached - INDIFFERENT and not now.errors.is_worse_than(start.errors):
                 accepted, reached = now, now.evidence
         return accepted
