@@ -13,6 +13,7 @@ from lagsplat.array_types import Images, Latents
 from lagsplat.chart.visibility import Decode, differentiate_images
 
 DAMPING = 1e-3  # of each step, relative to the image's change along each latent
+LONGEST = 1.0  # step [deviations of the motion], beyond which the decoder is not linear
 
 
 @torch.no_grad()
@@ -35,7 +36,8 @@ def refine_latents(decode: Decode, images: Images, q: Latents, *, steps: int, di
         normal = slopes @ slopes.mT
         normal = normal + DAMPING * torch.diag_embed(normal.diagonal(dim1=1, dim2=2))
         step, info = torch.linalg.solve_ex(normal, slopes @ missing[:, :, None])
-        after = q + step[:, :, 0].where(info[:, None] == 0, 0.0)
+        step = step[:, :, 0].where(info[:, None] == 0, 0.0)
+        after = q + step * (LONGEST / step.norm(dim=1, keepdim=True).clamp(min=LONGEST))
         still_missing = target - decode(after).flatten(1).double()
         better = _square_norm(still_missing) < _square_norm(missing)
         q, missing = after.where(better, q), still_missing.where(better, missing)

@@ -43,3 +43,4 @@ def test_a_latent_is_not_moved_where_the_image_gets_worse() -> None:
     found = refine_latents(draw, images, start, steps=2, difference=1e-3)
     torch.testing.assert_close(found[0], start[0], rtol=0.0, atol=1e-6)
     assert torch.isfinite(found).all()
+    assert float((found[1] - start[1]).norm()) <= 2.0  # no step is longer than one

@@ -43,8 +43,6 @@ def test_floor_is_the_error_of_the_drawings_of_encoded_frames(metrics, parts):
     with torch.no_grad():
         drawn = model.decode(torch.from_numpy(chart.to_raw(chart.latents[chosen])).float()).clamp(0, 1)
         expected = float(((drawn - images) ** 2).mean())
-        of_encoder = float(((model.decode(model.encode(images)).clamp(0, 1) - images) ** 2).mean())
-    assert expected < of_encoder
     assert metrics["floor"]["value"] == pytest.approx(expected, rel=1e-4)
 
 

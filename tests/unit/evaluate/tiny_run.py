@@ -75,7 +75,7 @@ def chart(model: Autoencoder, film: Recording) -> Chart:
         eigenvalue_floor=1e-9,
         visibility_frames=16,
         visibility_step=1e-2,
-        refinement_steps=1,
+        refinement_steps=0,
         dimension_frames=200,
         dimension_neighbours=10,
     )
