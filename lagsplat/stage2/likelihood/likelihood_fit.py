@@ -29,12 +29,8 @@ from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
-MOST = {
-    1: Degrees(potential=8, inputs=3, coordinates=4, matrices=2),
-    2: Degrees(potential=4, inputs=3, coordinates=3, matrices=1),
-}
-"""Degrees for one and two coordinates."""
-MOST_OF_MANY = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
+MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
+MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, 0.1))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
 FIRST_SHARE = 0.01
@@ -109,7 +105,7 @@ class LikelihoodFit:
         ends = np.linspace(0, len(measured.latents), FOLDS + 1).round().astype(int).tolist()
         self.folds = list(pairwise(ends))
         # in several coordinates polynomials of high degree are free wherever the recording is thin
-        form, most = config.form, MOST.get(measured.latents.shape[1], MOST_OF_MANY)
+        form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
         self.most = Degrees(
             most.potential if form.potential_degree is None else form.potential_degree,
             form.input_degree if measured.inputs.shape[1] else 1,
