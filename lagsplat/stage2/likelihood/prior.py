@@ -125,9 +125,9 @@ def make_prior(parameters: ParameterVector, relevance: Float64[np.ndarray, " g"]
     """
     energy, mass, _ = parameters.terms
     bends = parameters.coordinates.exponents
-    sizes = {
-        MAP: _scale(bends, bends.sum(1) / EDGE),  # by the Jacobian, which is one at the middle
-        FRAME: _scale(mass.frame.exponents),
+    scales = {
+        MAP: _scale(bends, bends.sum(1) / EDGE)[:, None],  # by the Jacobian, which is one at the middle
+        FRAME: _scale(mass.frame.exponents)[:, None, None],
         POTENTIAL: _scale(energy.exponents),
         VOLUMES: _scale(energy.input_exponents),
     }
@@ -135,15 +135,9 @@ def make_prior(parameters: ParameterVector, relevance: Float64[np.ndarray, " g"]
     mean, unit = theta.copy(), np.full(len(theta), VAGUE)
     groups = {name: group.numpy() for name, group in parameters.list_groups().items()}
     for name, group in groups.items():
-        part = parameters.parts[name]
-        size = (
-            sizes[name]
-            if part.dim() == 1 or name == VOLUMES
-            else sizes[name].view(-1, *[1] * (part.dim() - 1))
-        )
-        whole = torch.zeros(len(theta), dtype=torch.float64)
-        whole[parameters.find_columns(name)] = size.expand(part.shape).reshape(-1)
-        unit[group], mean[group] = whole.numpy()[group] ** 2, 0.0
+        scale = np.zeros(len(theta))
+        scale[parameters.find_columns(name)] = scales[name].expand(parameters.parts[name].shape).reshape(-1)
+        unit[group], mean[group] = scale[group] ** 2, 0.0
     places = list(groups.values())
     return Prior(mean, unit, places, np.ones(len(places)) if relevance is None else relevance)
 
