@@ -23,8 +23,10 @@ from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents, enco
 KIND = "chart"
 SCHEMA = 1
 ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s", "rest")
-SETTINGS = ("n_train", "segments", "metric_scale", "smoothing_frames", "condition", "intrinsic_dimension")
-REFINEMENT = ("refinement_steps", "visibility_step")  # none in files from before there was one
+SETTINGS = (
+    *("n_train", "segments", "metric_scale", "smoothing_frames", "condition", "intrinsic_dimension"),
+    *("refinement_steps", "visibility_step"),  # which older files lack: their latents are not refined
+)
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,9 @@ class Chart(Whitening):
 
     def encode(self, autoencoder: Autoencoder, frames: Frames) -> Series:
         """Whitened latents of other frames, found as those of the recording were."""
-        return encode_whitened(
-            autoencoder, self, frames, refinement_steps=self.refinement_steps, difference=self.visibility_step
-        )
+        q = self.to_whitened(encode_frames(autoencoder, frames))
+        steps, difference = self.refinement_steps, self.visibility_step
+        return refine_whitened(autoencoder, self, frames, q, steps=steps, difference=difference)
 
     @property
     def d(self) -> int:
@@ -111,14 +113,9 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
     z = encode_frames(autoencoder, recording.frames)
     white = visibility.fit_whitening(z[:n_train], eigenvalue_floor=config.eigenvalue_floor)
     decode = partial(decode_whitened, autoencoder, white)
-    encode = partial(
-        encode_whitened,
-        autoencoder,
-        white,
-        refinement_steps=config.refinement_steps,
-        difference=config.visibility_step,
-    )
-    q = encode(recording.frames)
+    steps, difference = config.refinement_steps, config.visibility_step
+    refine = partial(refine_whitened, autoencoder, white, steps=steps, difference=difference)
+    q = refine(recording.frames, white.to_whitened(z))
 
     rng = np.random.default_rng(seed)
     seen = rng.choice(n_train, min(config.visibility_frames, n_train), replace=False)
@@ -136,7 +133,7 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, config: ChartConfi
         latents=q,
         inputs=np.asarray(recording.inputs, dtype=np.float64),
         time_s=np.asarray(recording.time_s, dtype=np.float64),
-        rest=encode(rest_image)[0],
+        rest=refine(rest_image, white.to_whitened(encode_frames(autoencoder, rest_image)))[0],
         n_train=n_train,
         segments=tuple((int(a), int(b)) for a, b in recording.segments),
         smoothing_frames=config.smoothing_frames,
@@ -154,30 +151,22 @@ def decode_whitened(autoencoder: Autoencoder, white: Whitening, q: Latents) -> I
         return autoencoder.decode(raw.to(next(autoencoder.parameters()))).cpu()
 
 
-def encode_whitened(
-    autoencoder: Autoencoder, white: Whitening, frames: Frames, *, refinement_steps: int, difference: float
+def refine_whitened(
+    autoencoder: Autoencoder, white: Whitening, frames: Frames, q: Series, *, steps: int, difference: float
 ) -> Series:
-    """Encode frames to whitened latents and refine these by the decoder, see `refine_latents`."""
-    q = torch.from_numpy(white.to_whitened(encode_frames(autoencoder, frames)))
-    if not refinement_steps:
-        return q.numpy()
-    decode = partial(decode_whitened, autoencoder, white)
-    parts = [
-        refine_latents(
-            decode,
-            to_images(np.asarray(frames[a : a + len(part)])),
-            part,
-            steps=refinement_steps,
-            difference=difference,
-        )
-        for a, part in zip(range(0, len(q), CHUNK), q.split(CHUNK), strict=True)
-    ]
-    return torch.cat(parts).numpy()
+    """Refine the whitened latents ``q`` of frames in chunks of bounded size, see `refine_latents`."""
+    if not steps:
+        return q
+    decode, parts = partial(decode_whitened, autoencoder, white), []
+    for a in range(0, len(q), CHUNK):
+        images, part = to_images(np.asarray(frames[a : a + CHUNK])), torch.from_numpy(q[a : a + CHUNK])
+        parts.append(refine_latents(decode, images, part, steps=steps, difference=difference))
+    return torch.cat(parts).numpy() if parts else q
 
 
 def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> None:
     """Write a chart; ``header`` says how it was made."""
-    settings = {name: getattr(chart, name) for name in (*SETTINGS, *REFINEMENT)}
+    settings = {name: getattr(chart, name) for name in SETTINGS}
     tensors = {name: getattr(chart, name) for name in ARRAYS}
     save_artifact(path, tensors, {**header, "kind": KIND, "schema": SCHEMA, "chart": settings})
 

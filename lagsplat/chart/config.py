@@ -14,9 +14,7 @@ class ChartConfig:
     eigenvalue_floor: float  # smallest latent variance of a coordinate, as a fraction of the largest
     visibility_frames: int  # training frames over which the visibility metric is averaged
     visibility_step: float  # of the finite difference of the decoder, in whitened units
-    refinement_steps: (
-        int  # Gauss-Newton steps by which the decoder corrects the encoder; the paper takes none
-    )
+    refinement_steps: int  # by which the decoder corrects the encoder's latents; the paper takes none
     dimension_frames: int  # training frames the intrinsic dimension is estimated on
     dimension_neighbours: int  # neighbours of each frame in that estimate
 

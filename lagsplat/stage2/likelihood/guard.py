@@ -22,7 +22,8 @@ FAR = 1e6  # where a spring alone is left [whitened units]
 LEAST_STIFFNESS = 0.05  # there, where the mean stiffness is about 1
 LACKING_STIFFNESS = 0.02  # standard deviation of what may lack
 MAP_STATES, ADDED = 1024, 256  # points of the map, and how many are added where it has come near a fold
-LEAST_STRETCH, LACKING_STRETCH = 0.2, 0.02  # the same of the Jacobian of the map, the identity at q = 0
+LEAST_STRETCH = 0.2  # smallest singular value of the map's Jacobian, which is the identity at q = 0
+LACKING_STRETCH = 0.02  # standard deviation of what may lack
 
 
 class Guard:

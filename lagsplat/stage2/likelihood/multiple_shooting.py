@@ -44,13 +44,17 @@ REGUARDED = 2  # times that a fit is repeated because its map came near a fold
 
 @dataclass(frozen=True)
 class Residuals:
-    """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares."""
+    """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares.
+
+    ``misfit`` counts the guard's residuals as well, ``cost`` the prior's too.
+    """
 
     path: Paths
     latents: Float[Tensor, "K n d"]  # without the last state of a window, which is the first of the next
     error: Float[Tensor, "K n d"]  # of latents, before the noise's memory and size are taken out
     position: Float[Tensor, "K n d"]
     gap: Float[Tensor, "G s"]
+    misfit: float
     cost: float
 
 
@@ -139,9 +143,7 @@ class MultipleShooting:
             normal = self.assemble(theta, now, slopes)
             changed = 0.0
             if steps and least_growth is not None:
-                changed = self._follow_prior(theta, normal)
-                now = self.evaluate(theta, starts)
-                normal = self.assemble(theta, now, slopes)
+                now, normal, changed = self._follow_prior(theta, now, normal)
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
                     step = self._step(theta, starts, now, slopes, normal, damping=damping, hold_law=hold_law)
@@ -159,7 +161,7 @@ class MultipleShooting:
             if small == SMALL_GAINS or gain < least_share * now.cost:
                 if least_growth is None or not self._add_terms(theta, now, least_growth):
                     break
-                now, small, damping = self.evaluate(theta, starts), 0, FIRST_DAMPING
+                now, small, damping = self._with_prior(theta, now), 0, FIRST_DAMPING
         self.parameters.write(theta)
         error = now.error.numpy()
         power = np.mean(error**2, axis=(0, 1)) + 1e-300
@@ -168,12 +170,27 @@ class MultipleShooting:
             starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
         )
 
-    def _follow_prior(self, theta: Float[Tensor, " p"], normal: NormalEquations) -> float:
-        """Change the prior as the evidence asks; return the largest change of a logarithm."""
+    def _follow_prior(
+        self, theta: Float[Tensor, " p"], now: Residuals, normal: NormalEquations
+    ) -> tuple[Residuals, NormalEquations, float]:
+        """Change the prior as the evidence asks, and what depends on it; the largest logarithm of a ratio."""
         states, before = eliminate_states(normal, self.windows.linked, damping=0.0), self.prior
         with suppress(np.linalg.LinAlgError):  # a law that nothing determines yet
             self.prior = before.estimate_relevance(theta.numpy(), states.law)
-        return float(np.abs(np.log(self.prior.relevance / before.relevance)).max(initial=0.0))
+        stiffer = self.prior.precision - before.precision
+        changed = replace(
+            normal,
+            law=normal.law + np.diag(stiffer),
+            law_gradient=normal.law_gradient + stiffer * (theta.numpy() - self.prior.mean),
+        )
+        ratio = self.prior.relevance / before.relevance
+        return self._with_prior(theta, now), changed, float(np.abs(np.log(ratio)).max(initial=0.0))
+
+    def _with_prior(self, theta: Float[Tensor, " p"], now: Residuals) -> Residuals:
+        """Residuals whose cost is that under the prior as it is."""
+        prior = float(self.prior.precision @ np.square(theta.numpy() - self.prior.mean))
+        cost = now.misfit + 0.5 * prior
+        return replace(now, cost=cost if np.isfinite(cost) else float("inf"))
 
     def _add_terms(self, theta: Float[Tensor, " p"], now: Residuals, least_gain: float) -> bool:
         """Add the absent terms that raise the evidence most to the prior; whether there are any."""
@@ -262,11 +279,11 @@ class MultipleShooting:
         error = latents - self.windows.targets[:, :-1]
         position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
-        prior = float(self.prior.precision @ np.square(theta.numpy() - self.prior.mean))
+        misfit = position.square().sum() + gap.square().sum()
         if self.guard is not None:
-            prior += float(self.guard.measure(theta)[0].square().sum())
-        cost = 0.5 * float(position.square().sum() + gap.square().sum() + prior)
-        return Residuals(path, latents, error, position, gap, cost if np.isfinite(cost) else float("inf"))
+            misfit = misfit + self.guard.measure(theta)[0].square().sum()
+        residuals = Residuals(path, latents, error, position, gap, 0.5 * float(misfit), float("inf"))
+        return self._with_prior(theta, residuals)
 
     def _whiten(self, residual: Float[Tensor, "K n d k"]) -> Float[Tensor, "K n d k"]:
         """Residuals as independent ones of unit size, window by window."""
