@@ -31,6 +31,7 @@ from lagsplat.runs.fit import obtain_recording
 from lagsplat.runs.run import FittedRun, locate_artefact, open_run
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.fit import fit_autoencoder as fit_autoencoder_with
+from lagsplat.stage1.linear_response import InputHistory
 from lagsplat.stage2.decoder_mass import compute_decoder_geometry
 from lagsplat.stage2.fit import fit_dynamics as fit_dynamics_with
 from lagsplat.stage2.fit import load_dynamics
@@ -119,7 +120,10 @@ def fit_autoencoder(recording: Recording, *overrides: str, seed: int = 0) -> Aut
         True
     """
     train, _ = recording.split()
-    autoencoder, _ = fit_autoencoder_with(train.frames, compose(*overrides).stage1, seed=seed)
+    history = InputHistory(train.inputs, train.segments)
+    autoencoder, _ = fit_autoencoder_with(
+        train.frames, compose(*overrides).stage1, seed=seed, history=history
+    )
     return autoencoder
 
 

@@ -20,6 +20,7 @@ from lagsplat.provenance import code_digest
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage1.linear_response import InputHistory
 from lagsplat.stage2.decoder_mass import compute_decoder_geometry
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
 from lagsplat.systems.simulate import simulate_system
@@ -89,6 +90,7 @@ def fit_run(
         identity=identity,
         novel=novel,
         supervision=supervision,
+        history=InputHistory(train.inputs, train.segments),
     )
     save_autoencoder(out / "autoencoder.safetensors", autoencoder, header)
     require_trained_autoencoder(autoencoder, train.frames)

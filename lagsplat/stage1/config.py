@@ -7,20 +7,23 @@ from lagsplat import setting_checks as check
 
 @dataclass
 class LossConfig:
-    """Weights and parameters of the four terms of the reconstruction loss.
+    """Weights and parameters of the terms of the reconstruction loss.
 
-    Source: paper eq. (recon_loss) and Implementation Details.
+    Source: paper eq. (recon_loss) and Implementation Details; ``linear_response`` is this project's.
     """
 
     l1: float
     ssim: float
     nonlocal_filter: float
     anisotropy: float
+    linear_response: float  # of the departure from it, relative to what it leaves open; driven motions alone
     ssim_window: int  # side of the Gaussian window [px], odd
     anisotropy_limit: float  # ratio of the axes of a drawn ellipse above which the penalty starts
 
     def __post_init__(self) -> None:
-        check.require_least(self, "stage1.loss", 0, "l1", "ssim", "nonlocal_filter", "anisotropy")
+        check.require_least(
+            self, "stage1.loss", 0, "l1", "ssim", "nonlocal_filter", "anisotropy", "linear_response"
+        )
         rule = f"and ssim={self.ssim} are both zero, so nothing draws the frames"
         check.require_setting("stage1.loss.l1", self.l1, self.l1 + self.ssim > 0, rule)
         odd = self.ssim_window > 0 and self.ssim_window % 2 == 1

@@ -15,16 +15,24 @@ from lagsplat.splat.image_model import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due
-from lagsplat.stage1.encoder import measure_small_moves, straighten_encoder
-from lagsplat.stage1.gaussian_initialization import SAMPLE, initialize_gaussians
-from lagsplat.stage1.objective import NovelViewTargets, make_optimizer, reconstruct, set_rates
+from lagsplat.stage1.encoder import measure_small_moves
+from lagsplat.stage1.encoder_initialization import SAMPLE, remove_squares
+from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
+from lagsplat.stage1.linear_response import InputHistory
+from lagsplat.stage1.objective import (
+    ExpectedLatents,
+    NovelViewTargets,
+    make_optimizer,
+    reconstruct,
+    set_rates,
+)
 from lagsplat.stage1.training import run_training
 from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
 STRAIGHTENED_AT = (0.2, 0.35, 0.5, 0.65)
-"""Shares of the steps after which latents are straightened: training bends them again, ever less.
+"""Shares of the steps after which latents of a free motion lose their squares: training bends them again.
 
 Set by hand, with the simulated arms in view.
 """
@@ -51,6 +59,7 @@ def fit_autoencoder(
     latents: Series | None = None,
     novel: NovelViews | None = None,
     supervision: SupervisionConfig | None = None,
+    history: InputHistory | None = None,
 ) -> tuple[Autoencoder, list[TrainingCurvePoint]]:
     """Train encoder and decoder on the training frames, or the decoder alone on given latents.
 
@@ -63,18 +72,22 @@ def fit_autoencoder(
         latents: Fixed raw latents of the frames; None trains an encoder.
         novel: Novel views of the same instants; with them Gaussians live in space.
         supervision: How these views enter the loss.
+        history: Inputs of the frames, which straighten the latents.
 
     Raises:
         FloatingPointError: the loss is no longer finite.
         ValueError: the views are of other frames.
     """
     device = choose_device(config.backend)
-    footage = TrainingFrames(frames, device=device, latents=latents, novel=novel, supervision=supervision)
-    autoencoder = initialize_gaussians(footage, config, seed=seed).to(device)
+    footage = TrainingFrames(
+        frames, device=device, latents=latents, novel=novel, supervision=supervision, history=history
+    )
+    autoencoder, response = initialize_autoencoder(footage, config, seed=seed)
+    autoencoder = autoencoder.to(device)
     optimizer = make_optimizer(autoencoder, config.rate)
     curve = load_training_state(checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity)
     recycled = 0
-    free = latents is None and config.d > 1 and config.init.encoder == "unfolded"
+    free = latents is None and response is None and config.d > 1 and config.init.encoder == "unfolded"
     straightened = {round(share * config.steps) for share in STRAIGHTENED_AT if free}
 
     def take_step(step: int) -> np.ndarray:
@@ -83,10 +96,10 @@ def fit_autoencoder(
         picked = rng.integers(len(footage), size=config.batch)
         batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
         if step in straightened:
-            sample = np.sort(np.random.default_rng(seed).permutation(len(footage))[:SAMPLE])
-            straighten_encoder(autoencoder.encoder, footage.images(sample))
+            remove_squares(autoencoder.encoder, footage.images(footage.sample(SAMPLE, seed=seed)))
         set_rates(optimizer, config.rate, step=step, steps=config.steps)
-        terms = train_step(autoencoder, optimizer, batch, config, step, known, sides)
+        expected = footage.expect(picked, response)
+        terms = train_step(autoencoder, optimizer, batch, config, step, known, sides, expected)
         if is_due(config.lifecycle, step=step, steps=config.steps):
             recycled += densify_and_prune(autoencoder, optimizer, footage, config.lifecycle, rng=rng)
         return terms
@@ -161,13 +174,14 @@ def train_step(
     step: int,
     latents: Latents | None = None,
     sides: NovelViewTargets | None = None,
+    expected: ExpectedLatents | None = None,
 ) -> np.ndarray:
     """Take one optimiser step on recorded images; return the loss, mean absolute and mean squared error.
 
-    ``latents`` and ``sides`` are as in `reconstruct`.
+    ``latents``, ``sides`` and ``expected`` are as in `reconstruct`.
     """
     optimizer.zero_grad(set_to_none=True)
-    scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides)
+    scores = reconstruct(autoencoder, batch, config.loss, latents=latents, sides=sides, expected=expected)
     scores.loss.backward()
     if config.rate.gradient_clip is not None:
         for part in (autoencoder.encoder, autoencoder.gaussians):

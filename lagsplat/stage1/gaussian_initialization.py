@@ -11,16 +11,20 @@ from lagsplat.splat.gaussians import Gaussians
 from lagsplat.splat.projection import make_view
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 from lagsplat.stage1.config import InitConfig, Stage1Config
-from lagsplat.stage1.encoder import initialize_encoder
+from lagsplat.stage1.encoder_initialization import SAMPLE, initialize_encoder
+from lagsplat.stage1.linear_response import LinearResponse
 from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.novel import NovelViews
 
-SAMPLE = 1024  # frames whose encodings set the latent scale
 FLAT_SHARE = 0.2  # probability spread over all pixels; those of interest share the rest
 
 
-def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed: int) -> Autoencoder:
+def initialize_autoencoder(
+    footage: TrainingFrames, config: Stage1Config, *, seed: int
+) -> tuple[Autoencoder, LinearResponse | None]:
     """Build an untrained autoencoder for these frames, deterministic in the seed.
+
+    If inputs drive the motion, its latents are their linear response, which is returned as well.
 
     If the frames have given latents, the Gaussians spread over these and the encoder is unused. With novel
     views the Gaussians live in space.
@@ -41,14 +45,15 @@ def initialize_gaussians(footage: TrainingFrames, config: Stage1Config, *, seed:
         backend=config.backend,
     )
     picked = np.sort(rng.choice(len(footage), min(SAMPLE, len(footage)), replace=False))
+    response = None
     if footage.latents is None and config.init.encoder == "unfolded":
-        initialize_encoder(autoencoder.encoder, footage.images(picked).cpu())
+        response = initialize_encoder(autoencoder.encoder, footage, seed=seed)
     stored, known = footage.stored.cpu().numpy(), footage.latents
     latents = encode_frames(autoencoder, stored[picked]) if known is None else known.double().cpu().numpy()
     place_gaussians(autoencoder.gaussians, stored[0] / 255.0, latents, config.init, rng)
     if footage.novel is not None and footage.supervision is not None:
         lift_to_depth(autoencoder.gaussians, footage, footage.novel, footage.supervision.spread, rng)
-    return autoencoder
+    return autoencoder, response
 
 
 @torch.no_grad()

@@ -32,6 +32,13 @@ class NovelViewTargets(NamedTuple):
     weight: float
 
 
+class ExpectedLatents(NamedTuple):
+    """Latents by the linear response to the inputs, and the variance that it leaves of each coordinate."""
+
+    mean: Latents
+    variance: Float[Tensor, " d"]
+
+
 def reconstruct(
     autoencoder: Autoencoder,
     images: Images,
@@ -39,10 +46,12 @@ def reconstruct(
     *,
     latents: Latents | None,
     sides: NovelViewTargets | None = None,
+    expected: ExpectedLatents | None = None,
 ) -> ReconstructionLoss:
     """Encode, draw and score recorded images.
 
     Raw ``latents`` are drawn instead of encoded ones; novel views ``sides`` of them add photometric terms.
+    Images leave open how latents are bent: latents near ``expected`` ones are straight.
 
     Source: paper eq. (recon_loss) and "Supervision".
     """
@@ -64,6 +73,9 @@ def reconstruct(
         loss = loss + config.anisotropy * anisotropy(covariance, limit=config.anisotropy_limit)
     if config.nonlocal_filter:
         loss = loss + config.nonlocal_filter * nonlocal_filter(autoencoder.encoder.filters())
+    if expected is not None:
+        departure = (z - expected.mean).square() / expected.variance
+        loss = loss + config.linear_response * departure.mean()
     error = (drawn - images).detach()
     return ReconstructionLoss(loss, error.abs().mean(), error.square().mean())
 

@@ -1,4 +1,4 @@
-"""Training data of stage 1: recorded frames and, in space, novel views of the same instants."""
+"""Training data of stage 1: recorded frames, inputs and, in space, novel views of the same instants."""
 
 import numpy as np
 import torch
@@ -8,7 +8,8 @@ from torch import Tensor
 from lagsplat.array_types import Frames, Images, Latents, Series
 from lagsplat.splat.projection import View, compute_depths, make_view
 from lagsplat.stage1.autoencoder import Autoencoder, to_images
-from lagsplat.stage1.objective import NovelViewTargets
+from lagsplat.stage1.linear_response import InputHistory, LinearResponse
+from lagsplat.stage1.objective import ExpectedLatents, NovelViewTargets
 from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews, require_views
 
@@ -16,6 +17,7 @@ from lagsplat.views.novel import NovelViews, require_views
 class TrainingFrames:
     """Training frames on a device, with raw latents and novel views of the same instants if given.
 
+    ``history`` holds the inputs of the frames; None, or inputs that never move, tell nothing.
     ``supervision`` is how the views enter the loss.
 
     Raises:
@@ -30,6 +32,7 @@ class TrainingFrames:
         latents: Series | None = None,
         novel: NovelViews | None = None,
         supervision: SupervisionConfig | None = None,
+        history: InputHistory | None = None,
     ) -> None:
         if (novel is None) != (supervision is None):
             raise ValueError("novel views and the settings of what they teach come together or not at all")
@@ -37,6 +40,7 @@ class TrainingFrames:
             require_views(novel, frames)
         self.stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
         self.device, self.novel, self.supervision = device, novel, supervision
+        self.history = history if history is not None and np.ptp(history.inputs, axis=0).any() else None
         self.latents: Latents | None = None
         if latents is not None:
             self.latents = torch.as_tensor(latents, dtype=torch.float32, device=device)
@@ -45,6 +49,10 @@ class TrainingFrames:
     def __len__(self) -> int:
         return len(self.stored)
 
+    def sample(self, size: int, *, seed: int) -> np.ndarray:
+        """Indices of at most ``size`` random frames, in the order of time."""
+        return np.sort(np.random.default_rng(seed).permutation(len(self))[:size])
+
     def images(self, picked: np.ndarray) -> Images:
         """Recorded images at these indices."""
         return to_images(self.stored[torch.as_tensor(picked, device=self.device)], self.device)
@@ -52,6 +60,15 @@ class TrainingFrames:
     def known(self, picked: np.ndarray) -> Latents | None:
         """Given latents at these indices, or None."""
         return None if self.latents is None else self.latents[torch.as_tensor(picked, device=self.device)]
+
+    def expect(self, picked: np.ndarray, response: LinearResponse | None) -> ExpectedLatents | None:
+        """Latents at these indices by the response to the inputs, or None."""
+        if self.history is None or response is None:
+            return None
+        parts = (response.predict(self.history.before(picked)), response.variance)
+        return ExpectedLatents(
+            *(torch.as_tensor(part, dtype=torch.float32).to(self.device) for part in parts)
+        )
 
     def latents_of(self, autoencoder: Autoencoder, picked: np.ndarray) -> Latents:
         """Latents at these indices, given or encoded."""

@@ -10,7 +10,7 @@ from lagsplat.evaluate.novel_views import draw_novel_view, score_novel_views
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.figures.model_comparison import draw_novel_views
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
-from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
 from lagsplat.stage1.training_data import TrainingFrames
 from lagsplat.views.novel import NovelViews
 from tests.unit.stage1.problems import small_config
@@ -32,7 +32,7 @@ def run() -> tuple[Autoencoder, Recording, NovelViews]:
         n_train=TRAIN,
     )
     footage = TrainingFrames(frames, novel=views, supervision=SUPERVISION)
-    return initialize_gaussians(footage, small_config(n_gaussians=80), seed=0).eval(), recording, views
+    return initialize_autoencoder(footage, small_config(n_gaussians=80), seed=0)[0].eval(), recording, views
 
 
 def as_drawn(run: tuple[Autoencoder, Recording, NovelViews]) -> NovelViews:

@@ -4,7 +4,7 @@ import numpy as np
 
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import InitConfig, LifecycleConfig, LossConfig, RateConfig, Stage1Config
-from lagsplat.stage1.gaussian_initialization import initialize_gaussians
+from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
 from lagsplat.stage1.training_data import TrainingFrames
 
 
@@ -31,7 +31,13 @@ def small_config(**changes: object) -> Stage1Config:
         "checkpoint_every_s": 0.0,
         "refinement_steps": 0,
         "loss": LossConfig(
-            l1=0.8, ssim=0.2, nonlocal_filter=1e-4, anisotropy=0.01, ssim_window=7, anisotropy_limit=5.0
+            l1=0.8,
+            ssim=0.2,
+            nonlocal_filter=1e-4,
+            anisotropy=0.01,
+            linear_response=5e-5,
+            ssim_window=7,
+            anisotropy_limit=5.0,
         ),
         "rate": RateConfig(
             encoder=1e-3,
@@ -52,4 +58,4 @@ def small_config(**changes: object) -> Stage1Config:
 
 def small_autoencoder(frames: np.ndarray, **changes: object) -> Autoencoder:
     """An untrained autoencoder for these frames."""
-    return initialize_gaussians(TrainingFrames(frames), small_config(**changes), seed=0)
+    return initialize_autoencoder(TrainingFrames(frames), small_config(**changes), seed=0)[0]

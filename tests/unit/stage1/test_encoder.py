@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.encoder import Encoder, initialize_encoder, measure_small_moves
+from lagsplat.stage1.encoder import Encoder, measure_small_moves
+from lagsplat.stage1.encoder_initialization import initialize_encoder
+from lagsplat.stage1.training_data import TrainingFrames
 from tests.unit.stage1.problems import swinging_bar
 
 
@@ -21,9 +23,10 @@ def test_any_image_size_is_encoded(shape):
 
 def started_encoder():
     torch.manual_seed(1)
-    images = to_images(swinging_bar(16))
+    frames = swinging_bar(16)
+    images = to_images(frames)
     encoder = Encoder(1, kernel=12, channels=2)
-    initialize_encoder(encoder, images)
+    initialize_encoder(encoder, TrainingFrames(frames), seed=0)
     return encoder, images
 
 

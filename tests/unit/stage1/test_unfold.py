@@ -5,14 +5,15 @@ import pytest
 import torch
 from scipy.stats import spearmanr
 
-from lagsplat.stage1.encoder import (
-    Encoder,
+from lagsplat.stage1.encoder import Encoder
+from lagsplat.stage1.encoder_initialization import (
     compute_geodesic_coordinates,
     draw_smooth_filters,
     fit_readout,
     initialize_encoder,
-    straighten_encoder,
+    remove_squares,
 )
+from lagsplat.stage1.training_data import TrainingFrames
 
 
 def travelling_blob(positions, *, height=24, width=40):
@@ -20,6 +21,11 @@ def travelling_blob(positions, *, height=24, width=40):
     rows, columns = np.mgrid[:height, :width] + 0.5
     spots = [np.exp(-((columns - x) ** 2 + (rows - 12) ** 2) / 8) for x in positions]
     return torch.as_tensor(np.repeat(0.3 + 0.6 * np.stack(spots)[:, None], 3, axis=1), dtype=torch.float32)
+
+
+def film(images):
+    """The images as stored frames."""
+    return TrainingFrames((255 * images.numpy()).round().astype(np.uint8).transpose(0, 2, 3, 1))
 
 
 @pytest.fixture
@@ -33,7 +39,7 @@ def test_a_motion_wider_than_the_object_is_not_folded(motion, seed):
     positions, images = motion
     torch.manual_seed(seed)
     encoder = Encoder(1, kernel=12, channels=2)
-    initialize_encoder(encoder, images)
+    initialize_encoder(encoder, film(images), seed=0)
     latents = encoder(images).detach().numpy()[:, 0]
     assert abs(spearmanr(positions, latents).statistic) > 0.98
     assert latents.std() == pytest.approx(1.0, abs=0.1)
@@ -66,7 +72,7 @@ def test_the_start_is_the_same_for_the_same_seed(motion):
     for _ in range(2):
         torch.manual_seed(3)
         encoder = Encoder(1, kernel=12, channels=2)
-        initialize_encoder(encoder, images)
+        initialize_encoder(encoder, film(images), seed=0)
         weights.append(encoder.head.weight.detach().clone())
     assert torch.equal(*weights)
 
@@ -86,7 +92,7 @@ def test_blurred_filters_are_smoother_and_as_large():
 def test_fewer_frames_than_axes_leave_axes_closed_but_finite(count):
     images = travelling_blob(np.linspace(10, 30, count))
     encoder = Encoder(4, kernel=12, channels=2)
-    initialize_encoder(encoder, images)
+    initialize_encoder(encoder, film(images), seed=0)
     assert torch.isfinite(encoder.head.weight).all()
     assert (encoder.head.weight.abs().amax(1) > 0).sum() <= count - 1
 
@@ -94,7 +100,7 @@ def test_fewer_frames_than_axes_leave_axes_closed_but_finite(count):
 def test_repeated_frames_count_once():
     images = travelling_blob(np.full(30, 20.0))
     encoder = Encoder(2, kernel=12, channels=2)
-    initialize_encoder(encoder, images)
+    initialize_encoder(encoder, film(images), seed=0)
     assert not encoder.head.weight.any()
 
 
@@ -114,7 +120,7 @@ def test_straightening_removes_the_square_and_keeps_the_scale(motion):
     draw_smooth_filters(encoder)
     fit_readout(encoder, images, bent)
     before = encoder(images).detach().numpy()
-    straighten_encoder(encoder, images)
+    remove_squares(encoder, images)
     after = encoder(images).detach().numpy()
     assert abs(np.corrcoef(before[:, 0] ** 2, before[:, 1])[0, 1]) > 0.8
     assert abs(np.corrcoef(after[:, 0] ** 2, after[:, 1])[0, 1]) < 0.1

@@ -8,6 +8,7 @@ from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage1.linear_response import InputHistory
 from lagsplat.views.config import ViewsConfig
 from lagsplat.views.novel import load_views
 
@@ -23,6 +24,7 @@ with Job(snakemake) as job:
         identity=job.identity,
         novel=load_views(job.input.views).first(train.n_frames) if job.input.views else None,
         supervision=None if views is None else views.supervision,
+        history=InputHistory(train.inputs, train.segments),
     )
     save_autoencoder(job.output.autoencoder, autoencoder, job.header)
     save_csv(job.output.curve, [point._asdict() for point in curve])
