@@ -216,9 +216,23 @@ class LikelihoodFit:
                 continue
             now = fitted.with_fitted_noise()
             best = min(best, now, key=lambda each: each.errors.score)
+        if now.errors.is_worse_than(best.errors):
+            now = best = self._estimate_noise_of(replace(best, noise=start.noise, memory=start.memory))
         loose = replace(now, coupling=COUPLED_LEGS[0][1])
         safe = replace(best, noise=now.noise, memory=now.memory, evidence=-math.inf)
         return replace(loose, errors=best.errors), safe
+
+    def _estimate_noise_of(self, good: FittedLaw) -> FittedLaw:
+        """Take for noise what a law that forecasts well leaves, and fit it once under that.
+
+        In loose windows a law may follow some coordinates to the last digit and give up the others, whose
+        residuals then count for noise. What a good law leaves of each keeps them in balance.
+        """
+        share, coupling = COUPLED_LEGS[0]
+        held = self._fit(good, share, coupling, part=2, hold_law=True).with_fitted_noise()
+        held = replace(held, law=good.law, errors=good.errors, solved=None)
+        fitted = self._fit(held, share, coupling, part=2, least_share=FIRST_SHARE)
+        return held if fitted.errors.is_worse_than(good.errors) else fitted.with_fitted_noise()
 
     def _tighten(self, start: FittedLaw, legs: Sequence[tuple[float, float]], *, part: int) -> FittedLaw:
         """Couple the windows ever closer, as long as the evidence allows it.
