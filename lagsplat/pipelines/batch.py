@@ -8,6 +8,7 @@ import logging
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from lagsplat.report.diagnosis.serialization import save_diagnosis
 from lagsplat.stage1.autoencoder import encode_frames
 from lagsplat.stage1.config import Stage1Config
 from lagsplat.stage1.fit import fit_autoencoder
+from lagsplat.stage1.linear_response import InputHistory
 
 log = logging.getLogger(__name__)
 
@@ -101,7 +103,11 @@ def encode_videos(place: Path, out: Path, stage1: Stage1Config, chart: ChartConf
     about = load_json(place / "about.json")
     sides = {name: _read_videos(place, name, float(about["frame_s"])) for name in ("sim", "real")}
     frames = np.concatenate([film.frames for film in sides["sim"]])
-    autoencoder, _ = fit_autoencoder(frames, replace(stage1, d=int(about["coordinates"])), seed=0)
+    inputs = np.concatenate([film.inputs for film in sides["sim"]])
+    ends = np.cumsum([film.n_frames for film in sides["sim"]]).tolist()
+    history = InputHistory(inputs, tuple(pairwise([0, *ends])))
+    settings = replace(stage1, d=int(about["coordinates"]))
+    autoencoder, _ = fit_autoencoder(frames, settings, seed=0, history=history)
     require_trained_autoencoder(autoencoder, frames)
     raw = {side: [encode_frames(autoencoder, film.frames) for film in films] for side, films in sides.items()}
     white = fit_whitening(np.concatenate(raw["sim"]), eigenvalue_floor=chart.eigenvalue_floor)
