@@ -21,6 +21,7 @@ from lagsplat.stage2.rollout import (
 
 CHANCE = 0.05  # that equally good laws are called different
 INDIFFERENT_RATIO = 1.1  # of two scores, up to which a difference does not matter, however certain it is
+LARGEST_RATIO = 2.0  # beyond which it does, however uncertain: a few rollouts have gone astray
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ class ForecastErrors:
     def is_worse_than(self, other: "ForecastErrors") -> bool:
         """Whether these errors are larger than those of another law on the same windows, and not by chance.
 
-        They are if the score is, by more than a tenth, and a one-sided t-test of the logarithms' differences
-        says so, one number for each group of overlapping rollouts: errors of large and small motions then
-        count alike. Of fewer than two groups the scores decide alone.
+        They are if the score is twice as large. They are if it is a tenth larger and a one-sided t-test of the
+        logarithms' differences says so, one number for each group of overlapping rollouts: errors of large and
+        small motions then count alike. Of fewer than two groups the scores decide alone.
         """
         if not self.score > INDIFFERENT_RATIO * other.score:
             return False
-        if not np.isfinite(self.score) or self.distinct < 2:
+        if not self.score <= LARGEST_RATIO * other.score or self.distinct < 2:
             return True
         ratios = np.log(self.each + 1e-300) - np.log(other.each + 1e-300)
         groups = [part.mean() for part in np.array_split(ratios, self.distinct)]

@@ -96,6 +96,9 @@ def test_a_law_is_worse_only_by_more_than_chance_and_more_than_a_tenth() -> None
     single = errors.each * np.where(np.arange(60) < 3, 30.0, 0.99)
     assert forecast_errors(single, 20).score > 1.4 * errors.score
     assert not forecast_errors(single, 20).is_worse_than(errors)
+    # unless it has gone astray
+    astray = errors.each * np.where(np.arange(60) < 3, 300.0, 0.99)
+    assert forecast_errors(astray, 20).is_worse_than(errors)
 
 
 def test_a_law_that_diverges_once_is_worse() -> None:
