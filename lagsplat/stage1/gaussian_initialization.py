@@ -1,4 +1,4 @@
-"""Initial Gaussians of stage 1: on the edges of one frame, spread over the latents."""
+"""The untrained autoencoder of stage 1: Gaussians on the edges of one frame, spread over the latents."""
 
 import math
 
