@@ -5,7 +5,8 @@ An encoder may bend them at will, since its decoder follows. So of all linear fu
 are taken that linear filters of the inputs explain best: a canonical correlation analysis. They do not fold,
 however far an object moves, and coordinates are found that hardly change the image.
 
-Source: Hotelling 1936, DOI 10.1093/biomet/28.3-4.321; of filters, Larimore 1990, DOI 10.1109/CDC.1990.203665.
+Source: Hotelling 1936, DOI 10.1093/biomet/28.3-4.321; of past inputs, Larimore 1990, "Canonical
+variate analysis in identification, filtering, and adaptive control".
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from jaxtyping import Float64, Int
 
 from lagsplat.array_types import Series
 
+# The numbers below were set by hand, with the simulated arms in view.
 LAGS, LONGEST = 24, 256  # of the filters, and the longest [frames]; short lags lie closer
 LEAST_SHARE = 0.5  # of the variance of every coordinate, which a filter must explain in other frames
 LEAST_VARIANCE = 1e-4  # that filters leave: images tell no coordinate better
