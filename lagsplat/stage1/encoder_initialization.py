@@ -1,4 +1,4 @@
-"""Initial weights of the encoder, and straight latents while it is trained.
+"""Initial weights of the encoder, and latents of a free motion without squares while it is trained.
 
 Few, large filters make the latent a continuous function of the motion. Training sharpens a latent but rarely
 unfolds it: two states that start at one latent tend to stay there. A readout of random features, even of
@@ -6,11 +6,9 @@ their principal components, folds as soon as an object moves by more than its si
 inputs does not fold, nor do geodesic distances along the video where a motion is not driven.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
-from jaxtyping import Float64, Int
+from jaxtyping import Float64
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 from torch.nn import functional
@@ -18,7 +16,7 @@ from torch.nn import functional
 from lagsplat.array_types import Images
 from lagsplat.stage1.autoencoder import CHUNK
 from lagsplat.stage1.encoder import Encoder
-from lagsplat.stage1.linear_response import LinearResponse, find_driven_functions
+from lagsplat.stage1.linear_response import LinearResponse, fit_linear_response
 from lagsplat.stage1.training_data import TrainingFrames
 
 BLUR_SHARE = 1 / 6  # standard deviation of the blur of a starting filter, in sides of the filter
@@ -41,51 +39,24 @@ def initialize_encoder(encoder: Encoder, footage: TrainingFrames, *, seed: int) 
     zero.
     """
     draw_smooth_filters(encoder)
-    response = _follow_inputs(encoder, footage, seed=seed)
+    response = _measure_response(encoder, footage, seed=seed)
     if response is None:
         images = footage.images(footage.sample(SAMPLE, seed=seed)).cpu()
         fit_readout(encoder, images, compute_geodesic_coordinates(images, encoder.head.out_features))
+    else:
+        encoder.head.weight.copy_(torch.as_tensor(response.weights.T))
+        encoder.head.bias.copy_(torch.as_tensor(-response.mean_features @ response.weights))
     return response
 
 
-def _follow_inputs(encoder: Encoder, footage: TrainingFrames, *, seed: int) -> LinearResponse | None:
-    """Make the latents the linear response to the inputs, in place, if there is one."""
+def _measure_response(encoder: Encoder, footage: TrainingFrames, *, seed: int) -> LinearResponse | None:
     if footage.history is None:
         return None
     picked = footage.sample(FOLLOWED, seed=seed)
-    history, features = footage.history.before(picked), _apply(encoder, encoder.features, footage, picked)
-    weights = find_driven_functions(features, history, encoder.head.out_features)
-    if weights is None:
-        return None
-    encoder.head.weight.copy_(torch.as_tensor(weights.T))
-    encoder.head.bias.copy_(torch.as_tensor(-features.mean(axis=0) @ weights))
-    return LinearResponse((features - features.mean(axis=0)) @ weights, history)
-
-
-@torch.no_grad()
-def straighten_latents(
-    encoder: Encoder, footage: TrainingFrames, response: LinearResponse | None, *, seed: int
-) -> None:
-    """Fit the filters to the latents as they are, in place, or remove squares where nothing is driven."""
-    if response is None or footage.history is None:
-        remove_squares(encoder, footage.images(footage.sample(SAMPLE, seed=seed)))
-    else:
-        picked = footage.sample(FOLLOWED, seed=seed)
-        response.fit(_apply(encoder, encoder, footage, picked), footage.history.before(picked))
-
-
-def _apply(
-    encoder: Encoder,
-    function: Callable[[Images], Tensor],
-    footage: TrainingFrames,
-    picked: Int[np.ndarray, " N"],
-) -> Float64[np.ndarray, "N m"]:
-    """Apply a function of the encoder to the images at these indices, in parts that memory holds."""
-    device = encoder.head.weight.device
     parts = np.array_split(picked, -(-len(picked) // CHUNK))
-    return np.concatenate(
-        [function(footage.images(part).to(device)).double().cpu().numpy() for part in parts]
-    )
+    features = [encoder.features(footage.images(part).cpu()).double().numpy() for part in parts]
+    history = footage.history.before(picked)
+    return fit_linear_response(np.concatenate(features), history, encoder.head.out_features)
 
 
 @torch.no_grad()

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float64
-from torch import nn
 
 from lagsplat.array_types import Frames, Latents, Series
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
@@ -17,7 +16,7 @@ from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due
 from lagsplat.stage1.encoder import measure_small_moves
-from lagsplat.stage1.encoder_initialization import straighten_latents
+from lagsplat.stage1.encoder_initialization import SAMPLE, remove_squares
 from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
 from lagsplat.stage1.linear_response import InputHistory
 from lagsplat.stage1.objective import (
@@ -33,7 +32,7 @@ from lagsplat.views.config import SupervisionConfig
 from lagsplat.views.novel import NovelViews
 
 STRAIGHTENED_AT = (0.2, 0.35, 0.5, 0.65)
-"""Shares of the steps after which latents are straightened: training bends them again, ever less.
+"""Shares of the steps after which latents of a free motion lose their squares: training bends them again.
 
 Set by hand, with the simulated arms in view.
 """
@@ -84,11 +83,11 @@ def fit_autoencoder(
         frames, device=device, latents=latents, novel=novel, supervision=supervision, history=history
     )
     autoencoder, response = initialize_autoencoder(footage, config, seed=seed)
-    trained = nn.ModuleList([autoencoder] if response is None else [autoencoder, response]).to(device)
+    autoencoder = autoencoder.to(device)
     optimizer = make_optimizer(autoencoder, config.rate)
-    curve = load_training_state(checkpoint, trained, optimizer, TrainingCurvePoint, identity=identity)
+    curve = load_training_state(checkpoint, autoencoder, optimizer, TrainingCurvePoint, identity=identity)
     recycled = 0
-    free = latents is None and config.init.encoder == "unfolded"
+    free = latents is None and response is None and config.d > 1 and config.init.encoder == "unfolded"
     straightened = {round(share * config.steps) for share in STRAIGHTENED_AT if free}
 
     def take_step(step: int) -> np.ndarray:
@@ -97,7 +96,7 @@ def fit_autoencoder(
         picked = rng.integers(len(footage), size=config.batch)
         batch, known, sides = footage.images(picked), footage.known(picked), footage.sides(picked, rng)
         if step in straightened:
-            straighten_latents(autoencoder.encoder, footage, response, seed=seed)
+            remove_squares(autoencoder.encoder, footage.images(footage.sample(SAMPLE, seed=seed)))
         set_rates(optimizer, config.rate, step=step, steps=config.steps)
         expected = footage.expect(picked, response)
         terms = train_step(autoencoder, optimizer, batch, config, step, known, sides, expected)
@@ -117,7 +116,7 @@ def fit_autoencoder(
         n_steps=config.steps,
         n_terms=3,
         title="stage 1",
-        save=partial(save_training_state, checkpoint, trained, optimizer, curve, identity=identity),
+        save=partial(save_training_state, checkpoint, autoencoder, optimizer, curve, identity=identity),
         save_every_s=config.checkpoint_every_s,
         images_per_step=config.batch,
     )

@@ -13,9 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float64, Int
-from torch import Tensor, nn
 
 from lagsplat.array_types import Series
 
@@ -42,46 +40,29 @@ class InputHistory:
         return self.inputs[at].reshape(len(frames), -1)
 
 
-class LinearResponse(nn.Module):
-    """Filters of the inputs that say what is expected of latents, and what variance they leave open.
+@dataclass(frozen=True)
+class LinearResponse:
+    """Linear functions of features, and the linear filters of the inputs that explain them.
 
-    A module, so that the state of a training run holds it.
-
-    Args:
-        latents: of some frames.
-        history: of the same frames, see `InputHistory.before`.
+    ``weights`` and ``filters`` are of features and of inputs less their means. ``variance`` is what the
+    filters leave of the functions, which have unit variance.
     """
 
-    filters: Tensor
-    mean_history: Tensor
-    mean: Tensor
-    variance: Tensor
+    weights: Float64[np.ndarray, "F d"]
+    filters: Float64[np.ndarray, "L d"]
+    mean_features: Float64[np.ndarray, " F"]
+    mean_history: Float64[np.ndarray, " L"]
+    variance: Float64[np.ndarray, " d"]
 
-    def __init__(self, latents: Float64[np.ndarray, "N d"], history: Float64[np.ndarray, "N L"]) -> None:
-        super().__init__()
-        d, n_lags = latents.shape[1], history.shape[1]
-        for name, shape in (("filters", (n_lags, d)), ("mean_history", n_lags), ("mean", d), ("variance", d)):
-            self.register_buffer(name, torch.zeros(shape, dtype=torch.float64))
-        self.fit(latents, history)
-
-    def fit(self, latents: Float64[np.ndarray, "N d"], history: Float64[np.ndarray, "N L"]) -> None:
-        """Fit the filters to latents by least squares; what they leave is noise and curvature."""
-        mean, mean_history = latents.mean(axis=0), history.mean(axis=0)
-        filters = np.linalg.lstsq(history - mean_history, latents - mean, rcond=TINY)[0]
-        left = np.var(latents - mean - (history - mean_history) @ filters, axis=0)
-        variance = np.maximum(left, LEAST_VARIANCE * latents.var(axis=0))
-        fitted = {"filters": filters, "mean_history": mean_history, "mean": mean, "variance": variance}
-        self.load_state_dict({name: torch.from_numpy(values) for name, values in fitted.items()})
-
-    def predict(self, history: Float64[np.ndarray, "N L"]) -> Float64[Tensor, "N d"]:
-        """Latents by the inputs."""
-        return self.mean + (torch.from_numpy(history).to(self.mean) - self.mean_history) @ self.filters
+    def predict(self, history: Float64[np.ndarray, "N L"]) -> Float64[np.ndarray, "N d"]:
+        """Values of the functions by the inputs, see `InputHistory.before`."""
+        return (history - self.mean_history) @ self.filters
 
 
-def find_driven_functions(
+def fit_linear_response(
     features: Float64[np.ndarray, "N F"], history: Float64[np.ndarray, "N L"], d: int
-) -> Float64[np.ndarray, "F d"] | None:
-    """Weights of the ``d`` linear functions of features that filters of the inputs explain best.
+) -> LinearResponse | None:
+    """Find the ``d`` linear functions of features that filters of the inputs explain best.
 
     Their values are uncorrelated and have unit variance. The result is None where in the second half of the
     frames a filter of the first half explains less than half of the variance of one of them: that coordinate
@@ -93,26 +74,32 @@ def find_driven_functions(
         d: number of coordinates.
     """
     half = len(features) // 2
-    if half <= features.shape[1] + history.shape[1]:
+    if half <= features.shape[1] + history.shape[1] or features.shape[1] < d:
         return None
-    weights = _correlate(features[:half], history[:half], d)
-    if weights.shape[1] < d:
+    first = _correlate(features[:half], history[:half], d)
+    if len(first.variance) < d:
         return None
-    found = features @ weights
-    expected = LinearResponse(found[:half], history[:half]).predict(history[half:]).numpy()
-    left = np.var(found[half:] - expected, axis=0)
-    if not np.all(left < (1.0 - LEAST_SHARE) * np.var(found[half:], axis=0)):
+    found = (features[half:] - first.mean_features) @ first.weights
+    left = np.var(found - first.predict(history[half:]), axis=0)
+    if not np.all(left < (1.0 - LEAST_SHARE) * np.var(found, axis=0)):
         return None
     return _correlate(features, history, d)
 
 
 def _correlate(
     features: Float64[np.ndarray, "N F"], history: Float64[np.ndarray, "N L"], d: int
-) -> Float64[np.ndarray, "F d"]:
-    """Weights of the first canonical variables of features, at most ``d`` of them."""
-    (left, of_left), (right, _) = _whiten(features), _whiten(history)
-    axes = np.linalg.svd(left.T @ right / len(features), full_matrices=False)[0]
-    return of_left @ axes[:, :d]
+) -> LinearResponse:
+    """The first canonical variables of features, at most ``d`` of them."""
+    (left, of_left), (right, of_right) = _whiten(features), _whiten(history)
+    axes, correlations, others = np.linalg.svd(left.T @ right / len(features), full_matrices=False)
+    correlations = correlations[:d]
+    return LinearResponse(
+        weights=of_left @ axes[:, :d],
+        filters=of_right @ others[:d].T * correlations,
+        mean_features=features.mean(axis=0),
+        mean_history=history.mean(axis=0),
+        variance=np.maximum(1.0 - correlations**2, LEAST_VARIANCE),
+    )
 
 
 def _whiten(x: Float64[np.ndarray, "N k"]) -> tuple[Float64[np.ndarray, "N r"], Float64[np.ndarray, "k r"]]:

@@ -65,8 +65,10 @@ class TrainingFrames:
         """Latents at these indices by the response to the inputs, or None."""
         if self.history is None or response is None:
             return None
-        mean = response.predict(self.history.before(picked))
-        return ExpectedLatents(mean.float(), response.variance.float())
+        parts = (response.predict(self.history.before(picked)), response.variance)
+        return ExpectedLatents(
+            *(torch.as_tensor(part, dtype=torch.float32).to(self.device) for part in parts)
+        )
 
     def latents_of(self, autoencoder: Autoencoder, picked: np.ndarray) -> Latents:
         """Latents at these indices, given or encoded."""

@@ -5,11 +5,10 @@ import pytest
 import torch
 from scipy.signal import lfilter
 
-from lagsplat.stage1 import fit as fit_module
 from lagsplat.stage1.encoder import Encoder
-from lagsplat.stage1.encoder_initialization import initialize_encoder, straighten_latents
+from lagsplat.stage1.encoder_initialization import initialize_encoder
 from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
-from lagsplat.stage1.linear_response import InputHistory, LinearResponse, find_driven_functions
+from lagsplat.stage1.linear_response import InputHistory, fit_linear_response
 from lagsplat.stage1.objective import reconstruct
 from lagsplat.stage1.training_data import TrainingFrames
 from tests.unit.stage1.problems import small_config
@@ -54,11 +53,11 @@ def test_bent_coordinates_become_straight(mechanism):
     bent = x + [0.0, 0.5] * x[:, :1] ** 2
     features = np.stack([bent[:, 0], bent[:, 1], bent[:, 0] ** 2, bent[:, 0] * bent[:, 1]], axis=1)
     history = whole(u).before(np.arange(T))
-    found = features @ find_driven_functions(features, history, 2)
-    response = LinearResponse(found, history)
-    left = found - response.predict(history).numpy()
+    response = fit_linear_response(features, history, 2)
+    found = (features - features.mean(axis=0)) @ response.weights
+    left = found - response.predict(history)
     assert np.cov(found.T, ddof=0) == pytest.approx(np.eye(2), abs=1e-6)
-    assert left.var(axis=0) == pytest.approx(response.variance.numpy(), rel=1e-6)
+    assert left.var(axis=0) == pytest.approx(response.variance, rel=1e-6)
     assert (explained(found, x) > 0.99).all()
     assert explained(bent, x)[1] < 0.8
 
@@ -70,7 +69,7 @@ def test_no_response_is_told(mechanism, case):
     features = {"undriven": free, "one of two": np.c_[x[:, 0], free[:, 0]]}.get(case, x)
     n = 90 if case == "short" else T
     history = whole(u).before(np.arange(n))
-    assert find_driven_functions(features[:n], history, 3 if case == "too many" else 2) is None
+    assert fit_linear_response(features[:n], history, 3 if case == "too many" else 2) is None
 
 
 def test_inputs_before_a_segment_are_its_first():
@@ -126,44 +125,6 @@ def test_a_departure_costs_in_units_of_what_the_response_leaves_open(mechanism):
     cost = config.loss.linear_response * (departure**2 / expected.variance).mean()
     assert (loss(expected) - loss(None)).item() == pytest.approx(cost.item(), rel=1e-2)
     assert cost > 0.0
-
-
-def test_filters_follow_what_training_sharpens(mechanism):
-    x, u = mechanism
-    footage, config = TrainingFrames(film(x), history=whole(u)), small_config(d=2, kernel=6)
-    autoencoder, response = initialize_autoencoder(footage, config, seed=0)
-    before = response.variance.clone()
-    encoder = autoencoder.encoder
-    with torch.no_grad():
-        encoder.head.weight.mul_(2.0)
-        encoder.head.bias.mul_(2.0).add_(3.0)
-    straighten_latents(encoder, footage, response, seed=0)
-    torch.testing.assert_close(response.variance, 4.0 * before, rtol=1e-3, atol=0)
-    assert response.mean.numpy() == pytest.approx(3.0, abs=0.2)
-    assert not encoder.bend.any()
-
-
-def test_a_driven_training_that_was_killed_goes_on_as_if_not(mechanism, tmp_path, monkeypatch):
-    x, u = mechanism
-    frames, history = film(x), whole(u)
-    config, checkpoint = small_config(d=2, kernel=6, steps=20), tmp_path / "state.pt"
-    whole_run, _ = fit_module.fit_autoencoder(frames, config, seed=1, history=history)
-    step_of, taken = fit_module.train_step, []
-
-    def killed_at_9(*args):
-        taken.append(args)
-        if len(taken) == 9:  # after the filters were fitted again
-            raise KeyboardInterrupt
-        return step_of(*args)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(fit_module, "train_step", killed_at_9)
-        with pytest.raises(KeyboardInterrupt):
-            fit_module.fit_autoencoder(frames, config, seed=1, history=history, checkpoint=checkpoint)
-    assert checkpoint.exists()
-    resumed, _ = fit_module.fit_autoencoder(frames, config, seed=1, history=history, checkpoint=checkpoint)
-    for a, b in zip(whole_run.parameters(), resumed.parameters(), strict=True):
-        assert torch.equal(a, b)
 
 
 def test_undriven_latents_start_without_a_response(mechanism):
