@@ -60,9 +60,9 @@ class ForecastErrors:
     def is_worse_than(self, other: "ForecastErrors") -> bool:
         """Whether these errors are larger than those of another law on the same windows, and not by chance.
 
-        They are if the score is twice as large. They are if it is a tenth larger and a one-sided t-test of the
-        logarithms' differences says so, one number for each group of overlapping rollouts: errors of large and
-        small motions then count alike. Of fewer than two groups the scores decide alone.
+        They are if the score is twice as large, or if it is a tenth larger and a one-sided t-test of the
+        differences of logarithms says so, one number for each group of overlapping rollouts: errors of large
+        and small motions then count alike. Of fewer than two groups the scores decide alone.
         """
         if not self.score > INDIFFERENT_RATIO * other.score:
             return False
