@@ -21,7 +21,8 @@ from lagsplat.array_types import Series
 LAGS, LONGEST = 24, 256  # of the filters, and the longest [frames]; short lags lie closer
 LEAST_SHARE = 0.5  # of the variance of every coordinate, which a filter must explain in other frames
 LEAST_VARIANCE = 1e-4  # that filters leave: images tell no coordinate better
-TINY = 1e-6  # singular values that are none, relative to the largest
+FAINT = 1e-3  # variations of features that are left out, relative to the largest: weights would be huge
+TINY = 1e-6  # the same for inputs, where they repeat each other
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def _correlate(
     features: Float64[np.ndarray, "N F"], history: Float64[np.ndarray, "N L"], d: int
 ) -> LinearResponse:
     """The first canonical variables of features, at most ``d`` of them."""
-    (left, of_left), (right, of_right) = _whiten(features), _whiten(history)
+    (left, of_left), (right, of_right) = _whiten(features, least=FAINT), _whiten(history, least=TINY)
     axes, correlations, others = np.linalg.svd(left.T @ right / len(features), full_matrices=False)
     correlations = correlations[:d]
     return LinearResponse(
@@ -102,8 +103,10 @@ def _correlate(
     )
 
 
-def _whiten(x: Float64[np.ndarray, "N k"]) -> tuple[Float64[np.ndarray, "N r"], Float64[np.ndarray, "k r"]]:
+def _whiten(
+    x: Float64[np.ndarray, "N k"], *, least: float
+) -> tuple[Float64[np.ndarray, "N r"], Float64[np.ndarray, "k r"]]:
     left, sizes, right = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)
-    kept = sizes > TINY * max(sizes[0], 1e-30)
+    kept = sizes > least * max(sizes[0], 1e-30)
     root = np.sqrt(len(x))
     return left[:, kept] * root, right[kept].T / sizes[kept] * root

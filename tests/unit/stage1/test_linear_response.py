@@ -72,6 +72,13 @@ def test_no_response_is_told(mechanism, case):
     assert fit_linear_response(features[:n], history, 3 if case == "too many" else 2) is None
 
 
+def test_features_that_hardly_vary_are_left_out(mechanism):
+    x, u = mechanism
+    features = np.c_[x + 0.1 * x**2, 1e-5 * x**2]
+    response = fit_linear_response(features, whole(u).before(np.arange(T)), 2)
+    assert np.abs(response.weights).max() < 10.0
+
+
 def test_inputs_before_a_segment_are_its_first():
     u = np.arange(20.0)[:, None]
     history = InputHistory(u, ((0, 8), (8, 20)))
