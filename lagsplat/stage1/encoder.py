@@ -18,7 +18,7 @@ class Encoder(nn.Module):
     """Three large convolutions of stride 2 with ELU, a pool to 4x4, one linear layer to the latent.
 
     No normalisation layer and no output activation: the chart computes its own statistics afterwards. Each
-    latent is less a quadratic function ``bend`` of those before it, which is zero until `straighten_encoder`
+    latent is less a quadratic function ``bend`` of those before it, which is zero until `remove_squares`
     sets it: a linear layer alone cannot unbend what the images bend.
 
     Source: paper, Implementation Details (architectures).

@@ -18,7 +18,8 @@ from jaxtyping import Float64, Int
 from lagsplat.array_types import Series
 
 # The numbers below were set by hand, with the simulated arms in view.
-LAGS, LONGEST = 24, 256  # of the filters, and the longest [frames]; short lags lie closer
+LAGS = np.unique(np.round(np.linspace(0.0, 1.0, 24) ** 2 * 256).astype(int))
+"""Of the filters [frames]: short ones lie closer."""
 LEAST_SHARE = 0.5  # of the variance of every coordinate, which a filter must explain in other frames
 LEAST_VARIANCE = 1e-4  # that filters leave: images tell no coordinate better
 FAINT = 1e-3  # variations of features that are left out, relative to the largest: weights would be huge
@@ -33,11 +34,10 @@ class InputHistory:
     segments: Sequence[tuple[int, int]]
 
     def before(self, frames: Int[np.ndarray, " N"]) -> Float64[np.ndarray, "N L"]:
-        """Inputs at all lags before each of these frames."""
+        """Inputs at all `LAGS` before each of these frames, a row for each."""
         begins = np.array([begin for begin, _ in self.segments])
         first = begins[np.searchsorted(begins, frames, side="right") - 1]
-        lags = np.unique(np.round(np.linspace(0.0, 1.0, LAGS) ** 2 * LONGEST).astype(int))
-        at = np.maximum(frames[:, None] - lags, first[:, None])
+        at = np.maximum(frames[:, None] - LAGS, first[:, None])
         return self.inputs[at].reshape(len(frames), -1)
 
 

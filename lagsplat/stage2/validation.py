@@ -21,7 +21,7 @@ from lagsplat.stage2.rollout import (
 
 CHANCE = 0.05  # that equally good laws are called different
 INDIFFERENT_RATIO = 1.1  # of two scores, up to which a difference does not matter, however certain it is
-LARGEST_RATIO = 2.0  # beyond which it does, however uncertain: a few rollouts have gone astray
+LARGEST_RATIO = 2.0  # beyond which it does: rollouts went astray; set by hand, the simulated bag in view
 
 
 @dataclass(frozen=True)

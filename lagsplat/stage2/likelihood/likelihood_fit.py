@@ -217,12 +217,12 @@ class LikelihoodFit:
             now = fitted.with_fitted_noise()
             best = min(best, now, key=lambda each: each.errors.score)
         if now.errors.is_worse_than(best.errors):
-            now = best = self._estimate_noise_of(replace(best, noise=start.noise, memory=start.memory))
+            now = best = self._estimate_residual_noise(replace(best, noise=start.noise, memory=start.memory))
         loose = replace(now, coupling=COUPLED_LEGS[0][1])
         safe = replace(best, noise=now.noise, memory=now.memory, evidence=-math.inf)
         return replace(loose, errors=best.errors), safe
 
-    def _estimate_noise_of(self, good: FittedLaw) -> FittedLaw:
+    def _estimate_residual_noise(self, good: FittedLaw) -> FittedLaw:
         """Take for noise what a law that forecasts well leaves, and fit it once under that.
 
         In loose windows a law may follow some coordinates to the last digit and give up the others, whose

@@ -42,7 +42,7 @@ def whole(u):
 
 
 def explained(x, by):
-    """Share of the variance of each column that a linear function leaves."""
+    """Share of the variance of each column that a linear function explains."""
     columns = np.c_[np.ones(len(by)), by]
     left = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
     return 1.0 - left.var(axis=0) / x.var(axis=0)
