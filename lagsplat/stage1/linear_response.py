@@ -67,7 +67,7 @@ def fit_linear_response(
 
     Their values are uncorrelated and have unit variance. The result is None where in the second half of the
     frames a filter of the first half explains less than half of the variance of one of them: that coordinate
-    is not driven, or there are too few frames.
+    is not driven, or there are too few frames. Inputs that never move explain nothing.
 
     Args:
         features: of frames in the order of time.
@@ -75,7 +75,8 @@ def fit_linear_response(
         d: number of coordinates.
     """
     half = len(features) // 2
-    if half <= features.shape[1] + history.shape[1] or features.shape[1] < d:
+    moving = np.ptp(history, axis=0).any()
+    if not moving or half <= features.shape[1] + history.shape[1] or features.shape[1] < d:
         return None
     first = _correlate(features[:half], history[:half], d)
     if len(first.variance) < d:

@@ -17,7 +17,7 @@ from lagsplat.views.novel import NovelViews, require_views
 class TrainingFrames:
     """Training frames on a device, with raw latents and novel views of the same instants if given.
 
-    ``history`` holds the inputs of the frames; None, or inputs that never move, tell nothing.
+    ``history`` holds the inputs of the frames; None tells nothing.
     ``supervision`` is how the views enter the loss.
 
     Raises:
@@ -40,7 +40,7 @@ class TrainingFrames:
             require_views(novel, frames)
         self.stored = torch.from_numpy(np.array(frames)).to(device)  # a copy: the file is mapped read-only
         self.device, self.novel, self.supervision = device, novel, supervision
-        self.history = history if history is not None and np.ptp(history.inputs, axis=0).any() else None
+        self.history = history
         self.latents: Latents | None = None
         if latents is not None:
             self.latents = torch.as_tensor(latents, dtype=torch.float32, device=device)

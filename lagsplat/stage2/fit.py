@@ -49,6 +49,8 @@ from lagsplat.stage2.validation import ForecastErrors, draw_validation_task
 
 KIND = "dynamics"
 SCHEMA = 3
+RARE_REST = 0.99
+"""Share of the recorded states nearer to their mean than the rest state, from which its modes are guesses."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class FitReport:
     at_rest: LinearizedModes | None = None
     under_mean_input: LinearizedModes | None = None
     equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
+    rest_beyond: float | None = None  # share of the training states nearer to their mean than its rest state
     draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
     @property
@@ -92,6 +95,12 @@ class FitReport:
                 f"the law has {self.equilibria} stable equilibria under an extreme input of the recording: "
                 "pushed far, it may come to rest elsewhere. Record motion there, or lower "
                 "stage2.form.potential_degree"
+            )
+        if self.rest_beyond is not None and self.rest_beyond > RARE_REST:
+            found.append(
+                f"the rest state lies farther out than {self.rest_beyond:.1%} of the recorded states: modes "
+                "there are extrapolated, and their intervals do not know by how much. Record motion about "
+                "rest, or read the modes under the mean input"
             )
         if self.draws is None:
             found.append(
@@ -148,6 +157,10 @@ def fit_dynamics(
         lagrangian.settle()
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = likelihood.draw_laws(chosen)
+        q = trajectory.latents - trajectory.latents.mean(axis=0)
+        rest_state = lagrangian.rest.detach().numpy() - trajectory.latents.mean(axis=0)
+        nearer = np.linalg.norm(q, axis=1) < np.linalg.norm(rest_state)
+        report.rest_beyond = float(nearer.mean())
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
     else:
         fit.start(torch.from_numpy(rest), geometry)

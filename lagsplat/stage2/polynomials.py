@@ -361,11 +361,11 @@ class PolynomialMap(PolynomialSum):
         return float(measure_stretch(jacobian)[0].min())
 
     @torch.no_grad()
-    def invert(self, x: Latents) -> Latents:
-        """The latents at ``x``, by Newton steps of bounded length; NaN where they do not arrive."""
-        q = x.clone()
+    def invert(self, x: Latents, near: Latents | None = None) -> Latents:
+        """The latents at ``x``, by bounded Newton steps from ``near``; NaN where they do not arrive."""
         if not len(self.exponents):
-            return q
+            return x.clone()
+        q = (x if near is None else near).clone()
         for _ in range(NEWTON_STEPS):
             image, jacobian = self.evaluate(q)
             missed = (x - image).nan_to_num()

@@ -72,6 +72,14 @@ class ForecastErrors:
         groups = [part.mean() for part in np.array_split(ratios, self.distinct)]
         return bool(ttest_1samp(groups, 0.0, alternative="greater").pvalue < CHANCE)
 
+    def is_as_good_as(self, other: "ForecastErrors") -> bool:
+        """Whether these errors are at most a tenth larger, and are so, too, where small motions count alike.
+
+        The second is the geometric mean: the score is that of the largest motions.
+        """
+        typical = np.exp(0.5 * np.mean(np.log(self.each + 1e-300) - np.log(other.each + 1e-300)))
+        return self.score <= INDIFFERENT_RATIO * other.score and bool(typical <= INDIFFERENT_RATIO)
+
 
 @dataclass(frozen=True)
 class ValidationTask:

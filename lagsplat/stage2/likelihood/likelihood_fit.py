@@ -3,7 +3,9 @@
 The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
 it. Then all terms are fitted together: a map into the coordinates of the law, since an encoder that bends the
 coordinates bends every term of the law alike; the energies; and the frame of mass and damping. How large each
-may be is set by the evidence, see `lagsplat.stage2.likelihood.prior`.
+may be is set by the evidence, see `lagsplat.stage2.likelihood.prior`. Where a linear law forecasts as well as
+the result, it is kept: what a chart gets wrong repeats itself and counts as evidence for terms that no
+mechanism has, but does not help to forecast.
 """
 
 import copy
@@ -25,6 +27,8 @@ from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, V
 from lagsplat.stage2.likelihood.prior import ABSENT
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters
 from lagsplat.stage2.likelihood.windows import choose_stretches
+from lagsplat.stage2.polynomials import PolynomialMap
+from lagsplat.stage2.response_map import fit_response_map
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 
@@ -40,6 +44,8 @@ COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001)
 LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
+LINEAR = Degrees(potential=2, inputs=1, coordinates=1, matrices=0)
+MAP_OF_INPUTS = 4  # largest degree of a map into coordinates that answer the inputs linearly
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 LEAST_NOISE = 1e-4  # of encoded positions [whitened units]
 LARGEST_STEP = 1.2  # times the fastest eigenvalue of a Runge-Kutta step: its error is 2 %, and it is stable
@@ -112,7 +118,7 @@ class LikelihoodFit:
             most.coordinates if form.map_degree is None else form.map_degree,
             most.matrices if form.matrix_degree is None else form.matrix_degree,
         )
-        self.form = form.with_degrees(self.most)
+        self.form, self.map_degree = form.with_degrees(self.most), form.map_degree
         self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
 
     def choose_start(self) -> FittedLaw:
@@ -123,25 +129,38 @@ class LikelihoodFit:
         Raises:
             ValueError: no segment is as long as a bump.
         """
-        longest = max(stop - start for start, stop in self.measured.segments)
-        widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
-        fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
-        noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
         starts, withheld = [], []
         for degrees in reversed(self.ladder):
-            of_widths = []
-            for width in fitting:
-                law = self._fit_weak_form(self.measured, degrees, width)
-                period = self._set_time_scales(law)
-                errors = self.measure("start", law, width, float("nan"))
-                of_widths.append((width, FittedLaw(law, errors, period, noise, np.zeros_like(noise))))
-            width, start = min(of_widths, key=lambda each: each[1].errors.score)
+            width, start = self._choose_width(degrees)
             starts.append(start)
             withheld.append(self._cross_validate(start, width))
         best = min(withheld, key=lambda errors: errors.score)
         return next(
             start for start, errors in zip(starts, withheld, strict=True) if not errors.is_worse_than(best)
         )
+
+    def _choose_width(
+        self, degrees: Degrees, coordinates: PolynomialMap | None = None
+    ) -> tuple[int, FittedLaw]:
+        """The width of bumps whose law forecasts best, and that law; in other ``coordinates`` if given."""
+        trajectory = self.measured
+        if coordinates is not None:
+            with torch.no_grad():
+                straight, _ = coordinates.evaluate(torch.from_numpy(trajectory.latents))
+            trajectory = replace(trajectory, latents=straight.numpy())
+        longest = max(stop - start for start, stop in trajectory.segments)
+        widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
+        fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
+        noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
+        of_widths = []
+        for width in fitting:
+            law = self._fit_weak_form(trajectory, degrees, width)
+            if law.coordinates is not None and coordinates is not None:
+                law.coordinates.load_state_dict(coordinates.state_dict())
+            period = self._set_time_scales(law)
+            errors = self.measure("start", law, width, float("nan"))
+            of_widths.append((width, FittedLaw(law, errors, period, noise, np.zeros_like(noise))))
+        return min(of_widths, key=lambda each: each[1].errors.score)
 
     def _fit_weak_form(self, trajectory: EncodedTrajectory, degrees: Degrees, width: int) -> Lagrangian:
         form = self.form.with_degrees(degrees)
@@ -187,6 +206,7 @@ class LikelihoodFit:
         chosen = self._tighten(climbed.with_fitted_noise(), self._list_legs(climbed.coupling), part=1)
         if chosen.relevance is not None and ABSENT in chosen.relevance:
             chosen = self._fit(drop_absent_terms(chosen, seed=self.seed), 1.0, chosen.coupling, part=1)
+        chosen = self._prefer_linear_law(chosen)
         if not chosen.errors.score < MEAN_STATE:
             raise ValueError(
                 f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
@@ -195,6 +215,19 @@ class LikelihoodFit:
                 "or take stage2=networks"
             )
         return chosen
+
+    def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
+        """The linear law if it forecasts as well: of the latents, or where they answer the inputs linearly."""
+        highest = MAP_OF_INPUTS if self.map_degree is None else self.map_degree
+        laws = [self._choose_width(LINEAR)[1]]
+        for degree in range(2, highest + 1):
+            coordinates = fit_response_map(self.measured, degree=degree)
+            if coordinates is not None:
+                laws.append(self._choose_width(LINEAR._replace(coordinates=degree), coordinates)[1])
+        linear = min(laws, key=lambda each: each.errors.score)
+        if not linear.errors.is_as_good_as(fitted.errors):
+            return fitted
+        return self._measure_residual_noise(linear)
 
     def _climb(self, start: FittedLaw) -> FittedLaw:
         """Fit a start with all terms, whose priors the evidence tells."""
@@ -228,11 +261,15 @@ class LikelihoodFit:
         In loose windows a law may follow some coordinates to the last digit and give up the others, whose
         residuals then count for noise. What a good law leaves of each keeps them in balance.
         """
-        share, coupling = COUPLED_LEGS[0]
-        held = self._fit(good, share, coupling, part=2, hold_law=True).with_fitted_noise()
-        held = replace(held, law=good.law, errors=good.errors, solved=None)
+        held, (share, coupling) = self._measure_residual_noise(good), COUPLED_LEGS[0]
         fitted = self._fit(held, share, coupling, part=2, least_share=FIRST_SHARE)
         return held if fitted.errors.is_worse_than(good.errors) else fitted.with_fitted_noise()
+
+    def _measure_residual_noise(self, good: FittedLaw) -> FittedLaw:
+        """Take for noise what a law leaves."""
+        share, coupling = COUPLED_LEGS[0]
+        held = self._fit(good, share, coupling, part=2, hold_law=True).with_fitted_noise()
+        return replace(held, law=good.law, errors=good.errors, solved=None)
 
     def _tighten(self, start: FittedLaw, legs: Sequence[tuple[float, float]], *, part: int) -> FittedLaw:
         """Couple the windows ever closer, as long as the evidence allows it.

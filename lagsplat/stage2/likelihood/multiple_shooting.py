@@ -275,8 +275,9 @@ class MultipleShooting:
     def evaluate(self, theta: Float[Tensor, " p"], starts: States) -> Residuals:
         """Roll out all windows and measure what they miss; the cost of a divergence is infinite."""
         path = self.parameters.roll_out(theta, starts, self.windows)
-        latents = self.parameters.observe(theta, path[:, :-1, : len(self.noise)])
-        error = latents - self.windows.targets[:, :-1]
+        targets = self.windows.targets[:, :-1]
+        latents = self.parameters.observe(theta, path[:, :-1, : len(self.noise)], targets)
+        error = latents - targets
         position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         misfit = position.square().sum() + gap.square().sum()

@@ -81,10 +81,12 @@ class ParameterVector:
         )
 
     @torch.no_grad()
-    def observe(self, theta: Float[Tensor, " p"], x: Float[Tensor, "K n d"]) -> Float[Tensor, "K n d"]:
-        """Latents at positions in the coordinates of the law; leaves the law at ``theta``."""
+    def observe(
+        self, theta: Float[Tensor, " p"], x: Float[Tensor, "K n d"], near: Float[Tensor, "K n d"]
+    ) -> Float[Tensor, "K n d"]:
+        """Latents at positions in the coordinates of the law, first guessed; leaves the law at ``theta``."""
         self.write(theta)
-        return self.coordinates.invert(x.flatten(0, 1)).view(x.shape)
+        return self.coordinates.invert(x.flatten(0, 1), near.flatten(0, 1)).view(x.shape)
 
     @torch.no_grad()
     def differentiate_observation(

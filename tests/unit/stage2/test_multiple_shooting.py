@@ -98,16 +98,16 @@ def test_compiled_rollouts_are_those_of_the_law(d: int, reach: float) -> None:
 def test_latents_are_observed_and_differentiated_through_the_map() -> None:
     shooting, theta, starts = problem()
     parameters, x = shooting.parameters, starts[:, None, :2]
-    q = parameters.observe(theta, x)
+    q = parameters.observe(theta, x, x)
     torch.testing.assert_close(parameters.coordinates.evaluate(q[:, 0])[0], x[:, 0])
     by_x, by_map = parameters.differentiate_observation(theta, q)
     step, columns = 1e-6, parameters.find_columns(MAP)
     away = torch.zeros_like(theta)
     away[columns[1]] = step
-    ends = [parameters.observe(theta + sign * away, x) for sign in (1, -1)]
+    ends = [parameters.observe(theta + sign * away, x, q) for sign in (1, -1)]
     torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_map[..., 1], rtol=1e-5, atol=1e-7)
     away = step * torch.tensor([0.0, 1.0]).double()
-    ends = [parameters.observe(theta, x + sign * away) for sign in (1, -1)]
+    ends = [parameters.observe(theta, x + sign * away, q) for sign in (1, -1)]
     torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_x[..., 1], rtol=1e-5, atol=1e-7)
 
 

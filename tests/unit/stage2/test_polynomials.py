@@ -114,6 +114,9 @@ def test_a_map_is_inverted_and_a_folded_one_has_no_latents() -> None:
         coordinates.coefficients.copy_(0.02 * torch.randn(7, 2, generator=torch.Generator().manual_seed(1)))
     x, w = coordinates.push(q, v)
     torch.testing.assert_close(coordinates.invert(x), q)
+    torch.testing.assert_close(coordinates.invert(x, q + 0.1), q)
+    straight = PolynomialMap(2, degree=1, ball=make_wide_ball(2))
+    torch.testing.assert_close(straight.invert(x, q), x)
     ahead, behind = (coordinates.evaluate(q + sign * 1e-4 * v)[0] for sign in (1, -1))
     torch.testing.assert_close((ahead - behind) / 2e-4, w, rtol=1e-5, atol=1e-6)
     bending = (ahead - 2.0 * x + behind) / 1e-8

@@ -107,6 +107,14 @@ def test_a_law_that_diverges_once_is_worse() -> None:
     assert not errors.is_worse_than(forecast_errors(np.array([*errors.each[1:], np.inf]), 8))
 
 
+def test_a_law_is_as_good_only_if_it_is_in_small_motions_too() -> None:
+    errors = forecast_errors(np.array([100.0, 1.0, 1.0, 1.0]), 4)
+    assert forecast_errors(1.2 * errors.each, 4).is_as_good_as(errors)
+    assert not forecast_errors(1.3 * errors.each, 4).is_as_good_as(errors)
+    assert not forecast_errors(np.array([100.0, 2.0, 2.0, 2.0]), 4).is_as_good_as(errors)
+    assert not forecast_errors(np.array([np.inf, 1.0, 1.0, 1.0]), 4).is_as_good_as(errors)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_equally_good_laws_are_rarely_called_different(seed) -> None:
     rng = np.random.default_rng(seed)
