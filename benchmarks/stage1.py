@@ -39,7 +39,7 @@ def timed(action: Callable[[], object], *, repeat: int = 20) -> tuple[float, flo
 
 def main(threads: int) -> None:
     set_threads(threads)
-    experiment = compose("system=krauss_2seg", "profile=paper", f"stage1.steps={WARM_STEPS}")
+    experiment = compose("system=krauss_2seg", "profile=full", f"stage1.steps={WARM_STEPS}")
     recording, _ = simulate(replace(experiment.simulation, n_frames=3000), seed=0)
     config = experiment.stage1
     begin = time.perf_counter()

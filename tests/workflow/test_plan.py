@@ -129,8 +129,8 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
     assert not list(tmp_path.glob("results/*"))
 
 
-def test_the_paper_profile_trains_five_image_models_a_system_with_a_law_each(tmp_path: Path) -> None:
-    told = planned(tmp_path, "--config", "hydra=profile=paper ablations=[]")
+def test_the_full_profile_trains_five_image_models_a_system_with_a_law_each(tmp_path: Path) -> None:
+    told = planned(tmp_path, "--config", "hydra=profile=full ablations=[]")
     counts = {line.split()[0]: line.split()[1] for line in told.splitlines() if len(line.split()) == 2}
     # seven systems with five seeds each, and the rocker in space, which is pushed with its first
     assert (counts["stage1"], counts["stage2"]) == ("36", "36")
@@ -239,11 +239,11 @@ def test_published_weights_take_the_place_of_a_training(tmp_path: Path) -> None:
     assert "koopman_abcd.pt" in done.stdout + done.stderr
 
 
-def test_five_forecasters_stand_in_the_paper_profile_and_the_authors_only_where_they_are_given(
+def test_five_forecasters_stand_in_the_full_profile_and_the_authors_only_where_they_are_given(
     tmp_path: Path,
 ) -> None:
     target = "results/tables/extrapolation.tex"
-    config = "hydra=profile=paper extrapolated=[rainbow_rocker]"
+    config = "hydra=profile=full extrapolated=[rainbow_rocker]"
     found = counts(planned(tmp_path, target, "--config", config))
     assert (found["forecaster"], found["extrapolate_forecaster"], found["extrapolate"]) == (5, 5, 5)
     assert "authors" not in found

@@ -26,7 +26,7 @@ from lagsplat.provenance import let_waiting_threads_sleep
 
 let_waiting_threads_sleep()  # the jobs inherit it
 
-# snakemake --config hydra="profile=paper stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
+# snakemake --config hydra="profile=full stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
 try:
     overrides = read_overrides(config)
     experiment = shared_experiment(overrides)

@@ -217,7 +217,7 @@ class LikelihoodFit:
         return chosen
 
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
-        """The linear law if it forecasts as well: of the latents, or where they answer the inputs linearly."""
+        """The linear law if it forecasts as well, of the latents or where they answer inputs linearly."""
         highest = MAP_OF_INPUTS if self.map_degree is None else self.map_degree
         laws = [self._choose_width(LINEAR)[1]]
         for degree in range(2, highest + 1):

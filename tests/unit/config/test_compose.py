@@ -40,12 +40,12 @@ def test_every_file_in_conf_is_a_choice_of_some_group() -> None:
 
 
 def test_the_last_choice_wins() -> None:
-    assert compose("profile=toy", "profile=paper").choices["profile"] == "paper"
+    assert compose("profile=toy", "profile=full").choices["profile"] == "full"
     assert compose("system=toy", "system=krauss_1seg").stage1.d == 2
 
 
 def test_a_profile_limits_the_budget_and_the_user_has_the_last_word() -> None:
-    assert compose("profile=toy").stage1.steps < compose("profile=paper").stage1.steps
+    assert compose("profile=toy").stage1.steps < compose("profile=full").stage1.steps
     assert compose("profile=toy", "stage1.steps=77").stage1.steps == 77
 
 

@@ -55,7 +55,7 @@ def test_unknown_keys_are_refused(key: str, value: str, words: str) -> None:
 
 
 def test_a_path_wins_over_the_command_line() -> None:
-    overrides = given(hydra="profile=paper stage2=paper")
+    overrides = given(hydra="profile=full stage2=paper")
     assert compose_for(overrides, profile="toy").choices["profile"] == "toy"
     assert compose_for(overrides, stage2="constant").choices["stage2"] == "constant"
 
@@ -98,8 +98,8 @@ def test_the_chosen_dynamics_and_image_model_are_in_the_runs() -> None:
     assert runs[0].stage2 == "paper"
 
 
-def test_the_paper_profile_has_five_seeds_and_its_ablations() -> None:
-    runs = planned_runs(given(hydra="profile=paper"))
+def test_the_full_profile_has_five_seeds_and_its_ablations() -> None:
+    runs = planned_runs(given(hydra="profile=full"))
     assert {run.seed for run in runs} == {0, 1, 2, 3, 4}
     assert {run.stage2 for run in runs} >= {"networks", "constant_mass", "induced_mass"}
 
