@@ -268,7 +268,8 @@ class LikelihoodFit:
     def _measure_residual_noise(self, good: FittedLaw) -> FittedLaw:
         """Take for noise what a law leaves."""
         share, coupling = COUPLED_LEGS[0]
-        held = self._fit(good, share, coupling, part=2, hold_law=True).with_fitted_noise()
+        held = self._fit(good, share, coupling, part=2, least_share=FIRST_SHARE, hold_law=True)
+        held = held.with_fitted_noise()
         return replace(held, law=good.law, errors=good.errors, solved=None)
 
     def _tighten(self, start: FittedLaw, legs: Sequence[tuple[float, float]], *, part: int) -> FittedLaw:
