@@ -21,22 +21,25 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     With several runs ``low`` and ``high`` are the extremes over all runs; with a single run they are its
     interval over windows. ``spread`` says which. A score that some runs lack is the median of the others,
     and ``n`` counts these. Diverged rollouts are summed, not averaged. ``training`` holds steps and frames of
-    the first run and the mean wall time, None where unknown.
+    the first run and the mean wall time, None where unknown. Seeds of one fit may end with a linear law or
+    with another: ``dynamics`` then names both.
 
     Raises:
-        ValueError: no run, or runs of different recordings, latent dimensions or kinds of dynamics.
+        ValueError: no run, or runs of different recordings or latent dimensions.
     """
     if not runs:
         raise ValueError("nothing to aggregate: give the metrics of at least one run")
-    for key in ("recording", "d", "dynamics"):
+    for key in ("recording", "d"):
         values = {str(run[key]) for run in runs}
         if len(values) > 1:
             raise ValueError(f"runs of different {key} cannot share a row: {sorted(values)}")
+    dynamics = sorted({run["dynamics"] for run in runs})
     reach = sorted({run["scores"]["external_force"] for run in runs})
     spent = [run.get("training") or {} for run in runs]
     wall_s = [training["wall_s"] for training in spent if training.get("wall_s") is not None]
     return {
-        **{key: runs[0][key] for key in ("schema", "recording", "d", "dynamics")},
+        **{key: runs[0][key] for key in ("schema", "recording", "d")},
+        "dynamics": " or ".join(dynamics),
         "n_seeds": len(runs),
         "spread": SPREAD_OVER_SEEDS if len(runs) > 1 else SPREAD_OVER_WINDOWS,
         "scores": {name: _spread(runs, name) for name in MEASURED},

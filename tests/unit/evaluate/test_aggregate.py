@@ -80,6 +80,11 @@ def test_what_cannot_share_a_row_is_refused():
         aggregate([])
 
 
+def test_seeds_that_end_with_a_linear_law_share_a_row():
+    other = run(1.0) | {"dynamics": "linear"}
+    assert aggregate([run(1.0), other])["dynamics"] == "linear or nonlinear"
+
+
 def test_paired_margin_sees_what_overlapping_means_hide():
     """Two per cent better on every window: far below the spread over windows, yet certain."""
     ours, theirs = run(1.0), run(1.0)
