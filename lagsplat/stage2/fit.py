@@ -50,7 +50,8 @@ from lagsplat.stage2.validation import ForecastErrors, draw_validation_task
 KIND = "dynamics"
 SCHEMA = 3
 RARE_REST = 0.99
-"""Share of the recorded states nearer to their mean than the rest state, from which its modes are guesses."""
+"""Share of the recorded states nearer to their mean than the rest state, from which its modes are guesses;
+set by hand."""
 
 
 @dataclass(frozen=True)
@@ -157,10 +158,9 @@ def fit_dynamics(
         lagrangian.settle()
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = likelihood.draw_laws(chosen)
-        q = trajectory.latents - trajectory.latents.mean(axis=0)
-        rest_state = lagrangian.rest.detach().numpy() - trajectory.latents.mean(axis=0)
-        nearer = np.linalg.norm(q, axis=1) < np.linalg.norm(rest_state)
-        report.rest_beyond = float(nearer.mean())
+        mean, rest_state = trajectory.latents.mean(axis=0), lagrangian.rest.detach().numpy()
+        distances = np.linalg.norm(trajectory.latents - mean, axis=1)
+        report.rest_beyond = float(np.mean(distances < np.linalg.norm(rest_state - mean)))
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
     else:
         fit.start(torch.from_numpy(rest), geometry)

@@ -25,10 +25,10 @@ from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, WindowFit, fit_windows
 from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
 from lagsplat.stage2.likelihood.prior import ABSENT
+from lagsplat.stage2.likelihood.response_map import fit_response_map
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters
 from lagsplat.stage2.likelihood.windows import choose_stretches
 from lagsplat.stage2.polynomials import PolynomialMap
-from lagsplat.stage2.response_map import fit_response_map
 from lagsplat.stage2.validation import ForecastErrors
 from lagsplat.stage2.weak_form import fit_weak_form
 

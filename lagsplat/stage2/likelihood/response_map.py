@@ -9,11 +9,11 @@ import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage1.linear_response import InputHistory, fit_linear_response
+from lagsplat.stage2.likelihood.guard import LEAST_STRETCH
 from lagsplat.stage2.polynomials import PolynomialMap, enclose_states, evaluate_monomials
 
 # The numbers below were set by hand.
 FOLLOWED = 8192  # frames whose latents are compared with the inputs
-LEAST_STRETCH = 0.2  # of the map, as a guard asks for while a law is fitted
 SHRUNK = 0.8  # factor of a map that folds
 
 
