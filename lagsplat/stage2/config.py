@@ -97,18 +97,18 @@ class FloorConfig:
 class StartConfig:
     """Initial values of the constant parts of M, C, V and nu."""
 
-    source: str  # 'fitted': constant matrices by full-batch L-BFGS; 'isotropic': multiples of the identity
-    iterations: int  # L-BFGS iterations of the constant fit on one step
-    shooting_iterations: int  # and then on rollouts of one natural period; 0 leaves them out
+    source: str
+    """'likelihood': the most likely polynomial law; 'fitted': constant matrices by full-batch L-BFGS;
+    'isotropic': multiples of the identity."""
+    iterations: int  # L-BFGS iterations of the constant fit
     time_unit: str  # 'data': rms velocity / rms acceleration, a period / 2 pi; 'frame': one frame
     damping: float  # of the isotropic start, per time unit, for unit mass
     stiffness: float  # of the isotropic start, per time unit squared, for unit mass
 
     def __post_init__(self) -> None:
-        check.require_choice(self, "stage2.start", "source", ("fitted", "isotropic"))
+        check.require_choice(self, "stage2.start", "source", ("likelihood", "fitted", "isotropic"))
         check.require_choice(self, "stage2.start", "time_unit", ("data", "frame"))
         check.require_least(self, "stage2.start", 1, "iterations")
-        check.require_least(self, "stage2.start", 0, "shooting_iterations")
         check.require_positive(self, "stage2.start", "damping", "stiffness")
 
 
@@ -126,30 +126,16 @@ class SelectConfig:
 
 
 @dataclass
-class ShootConfig:
-    """Refinement by multi-step shooting from encoded states; ``steps: 0`` leaves it out."""
-
-    steps: int
-    batch: int  # windows a step of the last leg; shorter windows come in larger batches
-    lr: float
-    periods: float  # final length of a window, in natural periods; it grows to this from half
-    anchor: float  # price on leaving the start where the clip says nothing, in present errors; 0 for none
-
-    def __post_init__(self) -> None:
-        check.require_least(self, "stage2.shoot", 0, "steps", "anchor")
-        check.require_positive(self, "stage2.shoot", "batch", "lr", "periods")
-
-
-@dataclass
 class LikelihoodConfig:
-    """The fit of a polynomial law by maximum likelihood, see `lagsplat.stage2.likelihood`."""
+    """The fit of a law by maximum likelihood, see `lagsplat.stage2.likelihood`."""
 
     frames: int  # of the training clips that are used, in stretches spread evenly over them
     iterations: int  # Gauss-Newton steps at most for each length and coupling of the windows
     periods: float  # length of the windows of the last legs, in periods of the slowest mode
+    network_iterations: int  # quasi-Newton steps of networks at most
 
     def __post_init__(self) -> None:
-        check.require_least(self, "stage2.likelihood", 1, "frames", "iterations")
+        check.require_least(self, "stage2.likelihood", 1, "frames", "iterations", "network_iterations")
         check.require_positive(self, "stage2.likelihood", "periods")
 
 
@@ -161,7 +147,10 @@ class Stage2Config:
     floor: FloorConfig
     start: StartConfig
     stride_frames: int  # between the four samples of a one-step window
-    longest_step: float  # of the integrator, in time units; frames further apart take several steps
+    integrator: str  # 'verlet', under inputs held over a frame, or 'runge_kutta', which interpolates them
+    longest_step: float
+    """Of the integrator, in time units; frames further apart take several steps. A law of maximum likelihood
+    takes as many as its modes need."""
     ridge: float  # rho: caps the ratio of weights between two latent directions at 1 / rho
     velocity_weight: float  # of the velocity term against the position term
     effort: float  # share of all steps below that is taken: a profile's, where the others are a system's
@@ -171,10 +160,18 @@ class Stage2Config:
     final_fraction: float  # of the rate, reached at the last step on a cosine; 1 keeps it constant
     gradient_clip: float
     select: SelectConfig
-    shoot: ShootConfig
     likelihood: LikelihoodConfig
 
     def __post_init__(self) -> None:
+        check.require_choice(self, "stage2", "integrator", ("runge_kutta", "verlet"))
+        if self.form.terms == "polynomial":
+            rule = "is for networks: take stage2=networks, or leave 'likelihood' and 'runge_kutta'"
+            check.require_setting(
+                "stage2.start.source", self.start.source, self.start.source == "likelihood", rule
+            )
+            check.require_setting(
+                "stage2.integrator", self.integrator, self.integrator == "runge_kutta", rule
+            )
         rule = "must be positive: a direction that nothing can see would be left unconstrained"
         check.require_setting("stage2.ridge", self.ridge, self.ridge > 0, rule)
         check.require_positive(self, "stage2", "stride_frames", "longest_step", "batch")

@@ -1,8 +1,8 @@
-"""Fits the Lagrangian to a latent trajectory in three stages, saves it and loads it.
+"""Fits the Lagrangian to a latent trajectory, saves it and loads it.
 
-The stages are constant matrices, one-step training and training on rollouts. Each starts from the best
-candidate so far, chosen by its rollout error over the training clip. Steps after which the loss explodes are
-rolled back.
+A law of polynomials is the most likely one. Networks take it over and are fitted to the same likelihood. As
+published, they begin with constant matrices and are trained on single steps; the best candidate is chosen by
+its rollout error over the training clip, and steps after which the loss explodes are rolled back.
 """
 
 import math
@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -36,12 +35,11 @@ from lagsplat.stage2.lagrangian import (
     find_equilibria,
     linearize_modes,
 )
-from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
-from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error, evaluate_shooting_error
+from lagsplat.stage2.likelihood.likelihood_fit import FittedLaw, LikelihoodFit
+from lagsplat.stage2.likelihood.network_fit import fit_networks, linearize_law, project_law
+from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error
 from lagsplat.stage2.rollout import (
-    ShootingTargets,
     ShootingWindows,
-    cut_shooting_targets,
     list_one_step_windows,
     list_starts,
 )
@@ -58,7 +56,7 @@ set by hand."""
 class CurveRow:
     """One line of the training curve."""
 
-    stage: str  # 'start', 'one_step', 'shooting' or 'likelihood'
+    stage: str  # 'start', 'one_step', 'likelihood', 'projection' or 'networks'
     step: int
     loss: float
     score: float
@@ -124,10 +122,11 @@ def fit_dynamics(
 ) -> tuple[Lagrangian, FitReport]:
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
 
-    Three stages: constant matrices, networks on the one-step objective, networks on rollouts. The result is
-    the candidate with the smallest rollout error over the clip, including the start, so that no stage can
-    make it worse. A law of polynomial terms has other stages: least squares on the balance of forces, and
-    maximum likelihood by multiple shooting on the trajectory as ``measured``, where that is given.
+    With ``config.start.source='likelihood'`` a law of polynomials is fitted by least squares on the balance
+    of forces, and by maximum likelihood on the trajectory as ``measured``, where that is given; networks
+    follow from it. Otherwise networks begin with constant matrices and are trained on the one-step objective.
+    The result is the candidate with the smallest rollout error over the clip, so that no stage can make it
+    worse.
 
     ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image, ``geometry``
     that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate.
@@ -140,38 +139,18 @@ def fit_dynamics(
     torch.manual_seed(seed)
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
-    if config.form.terms == "polynomial":
-        likelihood = LikelihoodFit(
-            measured or trajectory,
-            trajectory,
-            config,
-            time_unit_s=fit.time_unit_s,
-            period_frames=fit.period_frames,
-            seed=seed,
-            measure=fit.score_law,
-            validate=fit.validation.measure,
-        )
-        start = likelihood.choose_start()
-        chosen = likelihood.maximize(start)
-        report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
-        lagrangian = chosen.law
-        lagrangian.settle()
-        with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
-            report.draws = likelihood.draw_laws(chosen)
-        mean, rest_state = trajectory.latents.mean(axis=0), lagrangian.rest.detach().numpy()
-        distances = np.linalg.norm(trajectory.latents - mean, axis=1)
-        report.rest_beyond = float(np.mean(distances < np.linalg.norm(rest_state - mean)))
-        report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
+    if config.start.source == "likelihood":
+        fit.maximize_likelihood(measured or trajectory)
+        if config.form.terms == "networks":
+            fit.fit_networks(torch.from_numpy(rest), geometry)
     else:
         fit.start(torch.from_numpy(rest), geometry)
-        lagrangian = fit.lagrangian
         fit.score_candidate("start", 0, float("nan"))
         report.scores["start"] = best.score
         fit.train_on_steps()
         report.scores["one_step"] = best.score
-        fit.train_on_rollouts()
-        report.scores["shooting"] = best.score
-        best.restore(lagrangian)
+        best.restore(fit.lagrangian)
+    lagrangian = fit.lagrangian
     report.rejected = best.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
@@ -202,6 +181,7 @@ def save_dynamics(
         "curved": lagrangian.curvature is not None,
         # stored only if true, as in files from before there were signed inputs
         **({"signed": True} if lagrangian.signed else {}),
+        "integrator": lagrangian.integrator,
     }
     header = {**header, "kind": KIND, "schema": SCHEMA, "dynamics": settings}
     tensors = dict(lagrangian.state_dict())
@@ -239,6 +219,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         geometry=geometry,
         signed=signed,
         longest_step=settings["longest_step"],
+        integrator=settings.get("integrator", "verlet"),
     )
     return restore_module(lagrangian, tensors, path), header
 
@@ -309,8 +290,6 @@ class BestCheckpoint:
 CONSTANT_PARTS = ("factor", "stiffness_factor", "pressure_map", "rest", "stiffening", "softening")
 CONSTANT_SHARE = 0.1  # share of the learning rate for the parts that start fitted
 MOST_CORNERS = 6  # inputs whose extremes are combined
-SHORTENED_LEGS = (2, 1)
-"""Divisors of the final rollout length in the legs of the training, which take equally many steps."""
 
 
 class DynamicsFit:
@@ -320,7 +299,9 @@ class DynamicsFit:
         ValueError: segments too short for a window, or latents that do not move.
     """
 
-    lagrangian: Lagrangian  # made by `start`
+    lagrangian: Lagrangian  # made by `start` or `maximize_likelihood`
+    likelihood: LikelihoodFit  # made by the latter, as the next
+    most_likely: FittedLaw
 
     def __init__(
         self,
@@ -339,7 +320,6 @@ class DynamicsFit:
         self.validation = draw_validation_task(trajectory, bare, starts=starts, n_states=n_states)
         self.metric = objective.add_ridge(bare, ridge=config.ridge)
         self.trajectory, self.config, self.seed = trajectory, config, seed
-        self.anchor: objective.Anchor | None = None
         self.best, self.report = BestCheckpoint(), FitReport(time_unit_s=self.time_unit_s)
         self.rng, self.on_candidate = np.random.default_rng(seed), on_candidate
         self.started_s = time.perf_counter()
@@ -355,6 +335,63 @@ class DynamicsFit:
         self.report.curve.append(row)
         self.on_candidate(row)
         return errors
+
+    def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
+        """Find the most likely law of polynomials, and what it says of itself."""
+        trajectory, report = self.trajectory, self.report
+        self.likelihood = LikelihoodFit(
+            measured,
+            trajectory,
+            self.config,
+            time_unit_s=self.time_unit_s,
+            period_frames=self.period_frames,
+            seed=self.seed,
+            measure=self.score_law,
+            validate=self.validation.measure,
+        )
+        start = self.likelihood.choose_start()
+        self.most_likely = chosen = self.likelihood.maximize(start)
+        report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
+        self.lagrangian = lagrangian = chosen.law
+        lagrangian.settle()
+        if self.config.form.terms == "networks":
+            return
+        with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
+            report.draws = self.likelihood.draw_laws(chosen)
+        mean, rest_state = trajectory.latents.mean(axis=0), lagrangian.rest.detach().numpy()
+        distances = np.linalg.norm(trajectory.latents - mean, axis=1)
+        report.rest_beyond = float(np.mean(distances < np.linalg.norm(rest_state - mean)))
+        report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
+
+    def fit_networks(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
+        """Let networks take over the most likely law, and maximise their likelihood."""
+        config, law, form = self.config, self.lagrangian, self.config.form
+        near = linearize_law(law, self.trajectory.inputs)
+        if form.rest == "fixed":
+            near = replace(near, rest=rest)
+        if form.actuation == "linear":
+            near = replace(near, input_stiffness=None)
+        scale = 1.0
+        if form.mass == "induced" and geometry is not None:
+            _, scale = _mean_induced(geometry, self.trajectory, config.floor.mass)
+        stiffness = float(torch.trace(near.stiffness)) / law.d
+        floor = config.floor
+        self._make_law(
+            near,
+            Floors(floor.mass, floor.damping, floor.stiffness * stiffness),
+            geometry,
+            scale,
+            law.longest_step,
+        )
+        iterations = config.likelihood.network_iterations
+        missed = project_law(law, self.lagrangian, self.trajectory, iterations=iterations, seed=self.seed)
+        self.score_candidate("projection", iterations, missed)
+        self.report.scores["projection"] = self.best.score
+        solved = self.likelihood.solve_windows(self.most_likely)
+        fitted = fit_networks(self.lagrangian, law, solved, iterations=iterations)
+        self.score_candidate("networks", iterations, fitted.cost)
+        self.report.scores["networks"] = self.best.score
+        self.best.restore(self.lagrangian)
 
     def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
         """Make the Lagrangian, with fitted or isotropic constant parts and networks that are zero."""
@@ -376,34 +413,29 @@ class DynamicsFit:
                 lambda c: evaluate_one_step_error(c, windows, self.metric, velocity_weight=weight),
                 iterations=config.start.iterations,
             )
-            if config.start.shooting_iterations:
-                self._shoot_constant(fit)
             start, floors = fit.result()
+        self._make_law(start, floors, geometry, scale, config.longest_step)
+
+    def _make_law(
+        self,
+        start: Coefficients,
+        floors: Floors,
+        geometry: DecoderGeometry | None,
+        mass_scale: float,
+        longest_step: float,
+    ) -> None:
         self.lagrangian = Lagrangian(
             start,
-            form=config.form,
+            form=self.config.form,
             floors=floors,
             time_unit_s=self.time_unit_s,
             seed=self.seed,
             geometry=geometry,
-            mass_scale=scale,
-            signed=measure_input_range(inputs).signed,
-            longest_step=config.longest_step,
+            mass_scale=mass_scale,
+            signed=measure_input_range(self.trajectory.inputs).signed,
+            longest_step=longest_step,
+            integrator=self.config.integrator,
         )
-
-    def _shoot_constant(self, fit: ConstantFit) -> None:
-        config, inputs, n_states = self.config, self.trajectory.inputs, self._horizon(1.0)
-        at = list_starts(self.trajectory, before=2, after=n_states)[:: max(1, n_states // 2)]
-        targets = self._cut_targets(at, n_states)
-
-        def error(c: Coefficients) -> Tensor:
-            return evaluate_shooting_error(c, targets, self.metric, longest_step=config.longest_step)
-
-        fit.minimize(error, iterations=config.start.shooting_iterations)
-        if config.form.actuation != "linear" and inputs.shape[1]:
-            softening = config.form.actuation == "bounded"
-            fit.add_input_stiffness(measure_input_range(inputs), softening=softening, rng=self.rng)
-            fit.minimize(error, iterations=config.start.shooting_iterations)
 
     def train_on_steps(self) -> None:
         """Train on single velocity-Verlet steps, `Stage2Config.steps` times `Stage2Config.effort` in all."""
@@ -419,44 +451,9 @@ class DynamicsFit:
 
         self._descend(loss, "one_step", steps, config.lr, config.select.every)
 
-    def train_on_rollouts(self) -> None:
-        """Train the best candidate on rollouts whose length doubles up to `ShootConfig.periods`.
-
-        The batch halves meanwhile, so that a step costs about the same. Short rollouts fit the fast part of
-        the law first.
-        """
-        shoot, total = self.config.shoot, round(self.config.effort * self.config.shoot.steps)
-        if not total:
-            return
-        self.best.restore(self.lagrangian)
-        self.anchor = objective.anchor_law(self.lagrangian, self.trajectory) if shoot.anchor else None
-        for leg, shortened in enumerate(SHORTENED_LEGS):
-            n_states = self._horizon(shoot.periods / shortened)
-            starts = list_starts(self.trajectory, before=2, after=n_states)
-            batch = shoot.batch * shortened
-            loss = partial(self._rollout_loss, starts, batch, n_states)
-            steps = total * (leg + 1) // len(SHORTENED_LEGS) - total * leg // len(SHORTENED_LEGS)
-            if steps:
-                self._descend(loss, "shooting", steps, shoot.lr, max(1, steps // 10))
-
-    def _rollout_loss(self, starts: np.ndarray, batch: int, n_states: int) -> Tensor:
-        targets = self._cut_targets(self.rng.choice(starts, batch), n_states)
-        error = objective.shooting_error(self.lagrangian, targets, self.metric)
-        if self.anchor is None:
-            return error
-        penalty = self.anchor.penalty(self.lagrangian, self.metric, self.rng)
-        return objective.anchored_error(error, penalty, weight=self.config.shoot.anchor)
-
     def _cut_windows(self) -> ShootingWindows:
         stride = self.config.stride_frames
         return list_one_step_windows(self.trajectory, stride_frames=stride, time_unit_s=self.time_unit_s)
-
-    def _cut_targets(self, at: np.ndarray, n_states: int) -> ShootingTargets:
-        return cut_shooting_targets(self.trajectory, at, n_states=n_states, time_unit_s=self.time_unit_s)
-
-    def _horizon(self, periods: float) -> int:
-        longest = max(b - a for a, b in self.trajectory.segments)
-        return max(4, min(round(periods * self.period_frames) + 1, longest - 4))
 
     def _descend(self, loss: Callable[[], Tensor], stage: str, steps: int, lr: float, every: int) -> None:
         config, lagrangian = self.config, self.lagrangian

@@ -98,8 +98,7 @@ class Lagrangian(nn.Module):
 
     With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` of the coordinates ``x
     = g(q)`` of a `PolynomialMap`, as are the mass and the damping. Energy still never rises and motion is
-    bounded; equilibria are not one by construction, but counted (`find_equilibria`). Such a law is
-    integrated by the Runge-Kutta method, under inputs interpolated between frames.
+    bounded; equilibria are not one by construction, but counted (`find_equilibria`).
 
     Args:
         start: constant matrices to start from.
@@ -112,6 +111,8 @@ class Lagrangian(nn.Module):
         signed: whether inputs take negative values.
         longest_step: longest step of the integrator in internal time units.
         ball: around the training latents, in which polynomials are free.
+        integrator: ``verlet``, under inputs held over a frame as published, or ``runge_kutta``, under inputs
+            interpolated between frames, as always for polynomials.
 
     Source: paper eqs. (EL), (pressure) and Appendix, "Bounded forced response".
 
@@ -137,6 +138,7 @@ class Lagrangian(nn.Module):
         signed: bool = False,
         longest_step: float = math.inf,
         ball: Ball | None = None,
+        integrator: str = "verlet",
     ) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
@@ -151,6 +153,7 @@ class Lagrangian(nn.Module):
         self.energy: PolynomialEnergy | None = None
         self.coordinates: PolynomialMap | None = None
         polynomial = form.terms == "polynomial"
+        self.integrator = "runge_kutta" if polynomial else integrator
         if polynomial:
             ball = make_wide_ball(d, WIDE) if ball is None else ball
             self.coordinates = PolynomialMap(d, degree=form.degrees.coordinates, ball=ball)
@@ -233,11 +236,6 @@ class Lagrangian(nn.Module):
         ):
             raise TypeError("the terms of the law are no polynomials")
         return energy, mass, damping
-
-    @property
-    def integrator(self) -> str:
-        """``verlet``, under inputs held over a frame as published, or ``runge_kutta``, interpolating them."""
-        return "verlet" if self.energy is None else "runge_kutta"
 
     def project(self) -> None:
         """Restore the sign constraints after an optimiser step."""

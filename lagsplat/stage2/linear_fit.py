@@ -1,12 +1,9 @@
-"""Fits constant positive definite M, C, K and chamber volumes of first or second order, in seconds.
+"""Fits constant positive definite M, C, K and linear chamber volumes to single steps, in seconds.
 
-The fit starts with the one-step objective, which is nearly convex. Rollouts of one natural period follow,
-which show the slow drift that one step hides, and last, the curvatures of the volumes. A step costs a few
-matrix products, so that L-BFGS can make hundreds of passes over the clip. Steps of equal length are one
-linear map.
+A step costs a few matrix products, so that L-BFGS can make hundreds of passes over the clip. Steps of equal
+length are one linear map.
 """
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,19 +14,10 @@ from torch import Tensor
 
 from lagsplat.array_types import Metric, Scalar
 from lagsplat.stage2.config import FloorConfig
-from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, stiffen, stiffness_penalty
 from lagsplat.stage2.lagrangian import Coefficients, Floors
-from lagsplat.stage2.objective import square_norm, window_error
-from lagsplat.stage2.rollout import ShootingTargets, ShootingWindows, Step, choose_step, split_inputs
+from lagsplat.stage2.objective import window_error
+from lagsplat.stage2.rollout import ShootingWindows
 
-FAST_RATE_WEIGHT = 1e-2
-"""Weight of ``|h M^-1 C|^2`` relative to a shooting error of 1; it keeps decay rates below the
-frame rate, above which an explicit step is stable only by chance."""
-BEND_WEIGHT = 1e-4
-"""Weight of ``sum_c |M^-1 u_max,c Q_c|^2`` in the same way; it keeps unidentified curvatures small and the
-problem well conditioned."""
-FIRST_BEND = 0.05
-"""Standard deviation of the initial factors of the curvatures; at zero they would have no gradient."""
 UNUSABLE = 1e6  # objective of a candidate whose rollouts overflow, as a multiple of the first objective
 
 
@@ -38,7 +26,6 @@ class ConstantFit:
 
     Energy has no observable scale, so M has mean eigenvalue 1 unless a fixed ``mass`` is given. The floors
     are relative to it and to the mean eigenvalue of K. ``rest`` is the first rest state, or the fixed one.
-    The volumes are linear until `add_input_stiffness`.
     """
 
     def __init__(
@@ -54,24 +41,9 @@ class ConstantFit:
         eye = torch.eye(d, dtype=torch.float64)
         first = {"mass": eye, "damping": 0.5 * eye, "stiffness": eye}
         first |= {"map": torch.zeros(n_inputs, d, dtype=torch.float64), "rest": rest}
-        first |= {
-            "stiffening": 0.0 * eye.expand(n_inputs, d, d),
-            "softening": 0.0 * eye.expand(n_inputs, d, d),
-        }
-        self.input_range: InputRange | None = None
-        self.softens = False
         self.shapes = {name: value.shape for name, value in first.items()}
         self.flat = torch.cat([value.reshape(-1) for value in first.values()]).numpy()
         self.rest, self.floor, self.learn_rest, self.mass = rest, floor, learn_rest, mass
-
-    def add_input_stiffness(
-        self, input_range: InputRange, *, softening: bool, rng: np.random.Generator
-    ) -> None:
-        """Add curvatures of the volumes to the unknowns; ``softening`` also allows inputs that soften."""
-        self.input_range, self.softens = input_range, softening
-        n_curvatures = sum(self.shapes[name].numel() for name in ("stiffening", "softening"))
-        self.flat = self.flat.copy()
-        self.flat[-n_curvatures:] = FIRST_BEND * rng.standard_normal(n_curvatures)
 
     def coefficients(self, flat: Float[Tensor, " n"]) -> tuple[Coefficients, Floors]:
         """Convert the vector of unknowns to matrices and their floors."""
@@ -83,19 +55,12 @@ class ConstantFit:
         unit = (free * (d / torch.trace(free)) + floor.mass * eye) / (1.0 + floor.mass)
         elastic = _square(part["stiffness"])
         stiffness_floor = floor.stiffness * torch.trace(elastic) / d
-        stiffness, input_stiffness = elastic + stiffness_floor * eye, None
-        if self.input_range is not None:
-            stiffer, softer = _square(part["stiffening"]), _square(part["softening"]) * float(self.softens)
-            stiffness = stiffness + stiffness_penalty(softer, self.input_range.positive)
-            stiffness = stiffness + stiffness_penalty(stiffer, self.input_range.negative)
-            input_stiffness = InputStiffness(stiffer, softer, self.input_range)
         coefficients = Coefficients(
             mass=unit if self.mass is None else self.mass,
             damping=_square(part["damping"]) + floor.damping * eye,
-            stiffness=stiffness,
+            stiffness=elastic + stiffness_floor * eye,
             pressure_map=part["map"],
             rest=part["rest"] if self.learn_rest else self.rest,
-            input_stiffness=input_stiffness,
         )
         floors = Floors(floor.mass / (1.0 + floor.mass), floor.damping, float(stiffness_floor.detach()))
         return coefficients, floors
@@ -138,7 +103,7 @@ def evaluate_one_step_error(
     """
     d, h = metric.shape[0], windows.step
     if isinstance(h, Tensor):
-        q, v = _ConstantLaw(c).step(windows.q, windows.v, windows.u, windows.u @ c.pressure_map, h)
+        q, v = _take_step(c, windows, h)
     else:
         transition, entry = assemble_step_matrices(c, h)
         push = (windows.u @ c.pressure_map + c.rest @ c.stiffness) @ torch.linalg.inv(c.mass)
@@ -162,76 +127,13 @@ def assemble_step_matrices(c: Coefficients, h: float) -> tuple[Float[Tensor, "s 
     return transition, torch.cat([q_p, v_p], 1)
 
 
-def evaluate_shooting_error(
-    c: Coefficients, shots: ShootingTargets, metric: Metric, *, longest_step: float = math.inf
-) -> Scalar:
-    """Compute `objective.shooting_error` of a constant system plus its small penalties.
+def _take_step(c: Coefficients, w: ShootingWindows, h: Tensor) -> tuple[Tensor, Tensor]:
+    """The velocity-Verlet steps of windows that differ in length."""
+    inverse, drive = torch.linalg.inv(c.mass), w.u @ c.pressure_map
 
-    Steps of equal length of a linear system are one matrix; others are taken one by one.
-    """
-    d = metric.shape[0]
-    if isinstance(shots.steps, Tensor) or c.input_stiffness is not None:
-        return _add_penalties(_roll_out(c, shots, longest_step), c, shots, metric)
-    pieces = split_inputs(shots.steps, longest_step)
-    step_transition, step_entry = assemble_step_matrices(c, shots.steps / pieces)
-    transition, entry = step_transition, step_entry
-    for _ in range(pieces - 1):
-        transition, entry = transition @ step_transition, entry @ step_transition + step_entry
-    inverse = torch.linalg.inv(c.mass)
-    force = shots.inputs[:, :-1] @ c.pressure_map + c.rest @ c.stiffness
-    drive = force @ (inverse @ entry)
-    state = torch.cat([shots.q, shots.v], 1)
-    path = []
-    for i in range(drive.shape[1]):
-        state = torch.addmm(drive[:, i], state, transition)
-        path.append(state)
-    return _add_penalties(torch.stack(path, 1)[:, :, :d], c, shots, metric)
+    def accelerate(q: Tensor, v: Tensor) -> Tensor:
+        return (drive - (q - c.rest) @ c.stiffness - v @ c.damping) @ inverse
 
-
-def _roll_out(c: Coefficients, shots: ShootingTargets, longest_step: float) -> Float[Tensor, "B n d"]:
-    """Roll out the states after the first, step by step."""
-    law = _ConstantLaw(c)
-    q, v, path = shots.q, shots.v, []
-    drive = shots.inputs @ c.pressure_map
-    for i in range(shots.targets.shape[1] - 1):
-        step = choose_step(shots.steps, i)
-        pieces = split_inputs(step, longest_step)
-        for _ in range(pieces):
-            q, v = law.step(q, v, shots.inputs[:, i], drive[:, i], step / pieces)
-        path.append(q)
-    return torch.stack(path, 1)
-
-
-class _ConstantLaw:
-    """Velocity-Verlet steps of a constant system, with the terms that all steps share."""
-
-    def __init__(self, c: Coefficients) -> None:
-        self.c, self.inverse = c, torch.linalg.inv(c.mass)
-        self.curvature = None if c.input_stiffness is None else c.input_stiffness.curvature
-
-    def step(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor, step: Step) -> tuple[Tensor, Tensor]:
-        first = self._acceleration(q, v, u, drive)
-        q = q + step * (v + 0.5 * step * first)
-        return q, v + 0.5 * step * (first + self._acceleration(q, v + step * first, u, drive))
-
-    def _acceleration(self, q: Tensor, v: Tensor, u: Tensor, drive: Tensor) -> Tensor:
-        offset = q - self.c.rest
-        elastic = offset @ self.c.stiffness
-        if self.curvature is not None:
-            elastic = elastic + stiffen(u, self.curvature, offset)
-        return (drive - elastic - v @ self.c.damping) @ self.inverse
-
-
-def _add_penalties(path: Tensor, c: Coefficients, shots: ShootingTargets, metric: Metric) -> Scalar:
-    targets, d = shots.targets[:, 1:], metric.shape[0]
-    inverse = torch.linalg.inv(c.mass)
-    step = shots.steps.mean() if isinstance(shots.steps, Tensor) else shots.steps
-    fast = (step * c.damping @ inverse).square().sum()
-    spread = square_norm(targets - shots.targets.mean((0, 1)), metric).mean() / d
-    penalty = FAST_RATE_WEIGHT * fast
-    if c.input_stiffness is not None:
-        ends = c.input_stiffness.input_range
-        largest = torch.maximum(ends.positive, ends.negative)
-        loaded = inverse @ (largest[:, None, None] * c.input_stiffness.curvature)
-        penalty = penalty + BEND_WEIGHT * loaded.square().sum()
-    return square_norm(path - targets, metric).mean() / d + spread * penalty
+    first = accelerate(w.q, w.v)
+    q = w.q + h * (w.v + 0.5 * h * first)
+    return q, w.v + 0.5 * h * (first + accelerate(q, w.v + h * first))

@@ -102,10 +102,10 @@ def _evaluate(x, law, z, value, slope):
 
 @njit(cache=True)
 def _bend(law, share, z, value, slope, bend):
-    """Fill second derivatives (m, d, d) of the monomials by the clipped state."""
-    m, d = slope.shape
+    """Fill second derivatives (k, d, d) of the first monomials by the clipped state."""
+    d = slope.shape[1]
     bend[0] = 0.0
-    for k in range(1, m):
+    for k in range(1, len(bend)):
         parent, i = law.parents[k], law.variables[k]
         s = law.center[i] + share * z[i]
         for a in range(d):
@@ -135,7 +135,7 @@ def _pull_back_bends(z, share, turned, curved, slope, bend):
     for a in range(d):
         for b in range(d):
             jacobian[a, b] = turned * z[a] * z[b] + (share if a == b else 0.0)
-    for k in range(len(slope)):
+    for k in range(len(bend)):
         along = 0.0
         for a in range(d):
             along += slope[k, a] * z[a]
@@ -145,6 +145,44 @@ def _pull_back_bends(z, share, turned, curved, slope, bend):
             for b in range(d):
                 own = slope[k, a] * z[b] + slope[k, b] * z[a] + (along if a == b else 0.0)
                 bend[k, a, b] += turned * own + curved * along * z[a] * z[b]
+
+
+@njit(cache=True)
+def _bend_load(law, clip, z, value, slope, load, total):
+    """Add second derivatives (d, d) by the state: of the sum of the loaded monomials beyond the linear ones.
+
+    The sum is differentiated backwards from the last monomial to the first, and that along each variable, so
+    that no second derivative of a single monomial is needed. ``slope`` is by the clipped state.
+    """
+    share, turned, curved = clip
+    m, d = slope.shape
+    back, along = np.zeros(m), np.zeros((m, d))
+    gradient, bend = np.zeros(d), np.zeros((d, d))
+    for k in range(m - 1, 0, -1):
+        parent, i = law.parents[k], law.variables[k]
+        s = law.center[i] + share * z[i]
+        if k > d:
+            back[k] += load[k]
+        back[parent] += back[k] * s
+        gradient[i] += back[k] * value[parent]
+        for b in range(d):
+            along[parent, b] += along[k, b] * s
+            bend[i, b] += along[k, b] * value[parent] + back[k] * slope[parent, b]
+        along[parent, i] += back[k]
+    if turned == 0.0:
+        total += bend
+        return
+    jacobian, half, outer = np.empty((d, d)), np.empty((d, d)), 0.0
+    for a in range(d):
+        outer += gradient[a] * z[a]
+        for b in range(d):
+            jacobian[a, b] = turned * z[a] * z[b] + (share if a == b else 0.0)
+    _multiply(bend, jacobian, half)
+    _multiply(jacobian, half, bend)
+    for a in range(d):
+        for b in range(d):
+            own = gradient[a] * z[b] + gradient[b] * z[a] + (outer if a == b else 0.0)
+            total[a, b] += bend[a, b] + turned * own + curved * outer * z[a] * z[b]
 
 
 @njit(cache=True)
@@ -362,40 +400,45 @@ def roll_out(law, starts, inputs, steps):
 
 @njit(cache=True)
 def differentiate_path(law, path, inputs, steps):
-    """Derivatives of every state of `roll_out` by the start of its window and by the parameters.
+    """Derivatives of the states of `roll_out` by the start of their window and by the parameters.
 
-    Returns arrays (K, n + 1, 2 d, 2 d) and (K, n + 1, 2 d, p). The parameters are those of the factor of
-    mass, of the frame, of the factor of damping, of the energy and of the volumes.
+    Returns those of every state by the start (K, n + 1, 2 d, 2 d), and by the parameters those of every
+    position but the last (K, n, d, p) and of the last state (K, 2 d, p). The parameters are those of the
+    factor of mass, of the frame, of the factor of damping, of the energy and of the volumes.
     """
     n_windows, n, nodes, c = inputs.shape
     s = path.shape[2]
     d, pieces, m = s // 2, nodes // 2, len(law.energy)
     p = 2 * d * d + law.frame.size + law.n_energy + c * law.n_volumes
     inertia, viscosity = law.mass_factor @ law.mass_factor.T, law.damping_factor @ law.damping_factor.T
-    at, bend = _make_balance(d, m), np.empty((m, d, d))
-    transition, sensitivity = np.zeros((n_windows, n + 1, s, s)), np.zeros((n_windows, n + 1, s, p))
+    at, bend = _make_balance(d, m), np.empty((1 + len(law.frame), d, d))
+    transition, by_law = np.zeros((n_windows, n + 1, s, s)), np.zeros((n_windows, n, d, p))
+    last, own_law = np.zeros((n_windows, s, p)), np.empty((s, p))
     state, stage, rates = np.empty(s), np.empty(s), np.empty((4, s))
-    slopes, rows, weight = np.zeros((4, s, s)), np.empty((4, d, p)), np.empty((4, s, s))
-    by_start, moved, own, own_law = np.empty((s, s)), np.empty((s, d)), np.empty((s, s)), np.empty((s, p))
+    slopes, weight, moved = np.zeros((4, s, s)), np.empty((4, s, s)), np.empty((s, d))
+    by_start, own, inverse_mass = np.empty((s, s)), np.empty((s, s)), np.empty((4, d, d))
+    # one product adds up what the state before and the four stages pass on
+    passed, parts = np.empty((s, s + 4 * d)), np.empty((s + 4 * d, p))
     for j in range(4):
         for a in range(d):
             slopes[j, a, d + a] = 1.0
-    inverse_mass = np.empty((4, d, d))
     for i in range(n_windows):
         for a in range(s):
             transition[i, 0, a, a] = 1.0
+        parts[:s] = 0.0
         for frame in range(n):
             h = steps[i, frame] / pieces
             state[:] = path[i, frame]
             own[:] = transition[i, frame]
-            own_law[:] = sensitivity[i, frame]
+            by_law[i, frame] = parts[:d]
             for piece in range(pieces):
                 for j in range(4):
                     for a in range(s):
                         stage[a] = state[a] + (REACH[j] * h * rates[j - 1, a] if j else 0.0)
                     x, v, u = stage[:d], stage[d:], inputs[i, frame, 2 * piece + NODES[j]]
                     clip = _solve_balance(law, inertia, viscosity, x, v, u, at)
-                    _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes[j], rows[j])
+                    rows = parts[s + j * d : s + (j + 1) * d]
+                    _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes[j], rows)
                     inverse_mass[j] = at.inverse_mass
                     for a in range(d):
                         rates[j, a] = v[a]
@@ -403,20 +446,19 @@ def differentiate_path(law, path, inputs, steps):
                 _weigh_stages(slopes, h, weight, by_start)
                 _multiply(by_start, own, transition[i, frame + 1])
                 own[:] = transition[i, frame + 1]
-                new = sensitivity[i, frame + 1]
-                _multiply(by_start, own_law, new)
+                passed[:, :s] = by_start
                 for j in range(4):
                     _multiply(weight[j, :, d:], inverse_mass[j], moved)
                     for a in range(s):
                         for b in range(d):
-                            factor = moved[a, b]
-                            for k in range(p):
-                                new[a, k] -= factor * rows[j, b, k]
-                own_law[:] = new
+                            passed[a, s + j * d + b] = -moved[a, b]
+                np.dot(passed, parts, own_law)
+                parts[:s] = own_law
                 for a in range(s):
                     for j in range(4):
                         state[a] += h * SHARES[j] * rates[j, a]
-    return transition, sensitivity
+        last[i] = parts[:s]
+    return transition, by_law, last
 
 
 @njit(cache=True)
@@ -446,6 +488,8 @@ def _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes, row
     ``M a`` less all forces by each parameter, in ``rows`` (d, p)."""
     share, turned, curved = clip
     d, m, bent = len(v), len(law.energy), len(law.frame)
+    by_x, by_v, e_by_x = np.zeros((d, d)), np.empty((d, d)), np.zeros((d, d))
+    _bend_load(law, clip, at.z, at.value, at.slope, at.load, by_x)
     _bend(law, share, at.z, at.value, at.slope, bend)
     if turned != 0.0:
         _pull_back_bends(at.z, share, turned, curved, at.slope, bend)
@@ -458,7 +502,6 @@ def _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes, row
     for i in range(d):
         for j in range(d):
             force[i] += inertia[i, j] * e[j] + viscosity[i, j] * w[j]
-    by_x, by_v, e_by_x = np.zeros((d, d)), np.empty((d, d)), np.zeros((d, d))
     spread, swept = np.zeros((bent, d)), np.zeros((bent, d))
     for k in range(bent):
         for i in range(d):
@@ -471,15 +514,10 @@ def _differentiate(law, inertia, viscosity, clip, x, v, u, at, bend, slopes, row
                 e_by_x[i, r] += at.frame_by_x[i, j, r] * a[j]
             for k in range(bent):
                 e_by_x[i, r] += spread[k, i] * swept[k, r]
-    for k in range(d + 1, m):
-        load = at.load[k]
-        for r in range(d):
-            for q in range(d):
-                by_x[r, q] += load * bend[k, r, q]
-        if k < law.n_springs:
-            i, j = law.variables[law.parents[k]], law.variables[k]
-            by_x[i, j] += law.energy[k]
-            by_x[j, i] += law.energy[k]
+    for k in range(d + 1, min(law.n_springs, m)):
+        i, j = law.variables[law.parents[k]], law.variables[k]
+        by_x[i, j] += law.energy[k]
+        by_x[j, i] += law.energy[k]
     for r in range(d):
         for q in range(d):
             v_part = 0.0

@@ -349,6 +349,11 @@ class PolynomialMap(PolynomialSum):
         x, jacobian = self.evaluate(q)
         return x, (jacobian @ v[:, :, None])[:, :, 0]
 
+    def pull(self, x: Latents, w: Latents) -> tuple[Latents, Latents]:
+        """State and velocity as latents; NaN where `invert` does not arrive."""
+        q = self.invert(x)
+        return q, torch.linalg.solve_ex(self.evaluate(q)[1], w[:, :, None])[0][:, :, 0]
+
     def measure_bending(self, q: Latents, v: Latents) -> Latents:
         """``d2g/dq2 v v``, the acceleration in these coordinates of a motion without any in the latents."""
         _, _, second = differentiate_monomials(q, self.exponents, ball=self.ball)

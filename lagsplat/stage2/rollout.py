@@ -42,9 +42,7 @@ def rollout(
     starts = torch.cat(coordinates.push(q0.double(), v0.double() * unit), 1)
     law = list_law_arrays(energy, mass, damping)
     path = torch.from_numpy(roll_out(law, starts.numpy(), held.contiguous().numpy(), steps.numpy()))
-    q = coordinates.invert(path[..., :d].flatten(0, 1))
-    _, jacobian = coordinates.evaluate(q)
-    v = torch.linalg.solve_ex(jacobian, path[..., d:].reshape(-1, d, 1))[0]
+    q, v = coordinates.pull(*path.flatten(0, 1).split(d, 1))
     return q.view(*path.shape[:2], d), v.view(*path.shape[:2], d) / unit
 
 

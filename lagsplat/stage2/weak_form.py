@@ -167,7 +167,8 @@ def _resample(trajectory: EncodedTrajectory, start: int, stop: int) -> tuple[Ser
         return q, u
     time_s = clock.time_s[start:stop]
     even_s = np.arange(time_s[0], time_s[-1], clock.dt_s)
-    return CubicSpline(time_s, q)(even_s), CubicSpline(time_s, u)(even_s) if u.size else u[: len(even_s)]
+    even_u = CubicSpline(time_s, u)(even_s) if u.size else np.zeros((len(even_s), 0))
+    return CubicSpline(time_s, q)(even_s), even_u
 
 
 def _gradients(q: Series, exponents: torch.Tensor) -> Columns:

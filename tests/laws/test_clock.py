@@ -11,7 +11,6 @@ from lagsplat.stage2.config import (
     FloorConfig,
     LikelihoodConfig,
     SelectConfig,
-    ShootConfig,
     Stage2Config,
     StartConfig,
 )
@@ -31,10 +30,11 @@ def ringing(time_s: np.ndarray) -> EncodedTrajectory:
 
 def learned(trajectory: EncodedTrajectory) -> tuple[float, float]:
     config = Stage2Config(
-        form=form(mass="constant", damping="constant", potential="quadratic", actuation="linear"),
+        form=form(terms="polynomial", potential_degree=2, input_degree=1, matrix_degree=0),
         floor=FloorConfig(1e-2, 1e-4, 1e-2),
-        start=StartConfig("fitted", 100, 100, "data", 0.2, 1.0),
+        start=StartConfig("likelihood", 100, "data", 0.2, 1.0),
         stride_frames=1,
+        integrator="runge_kutta",
         longest_step=math.inf,
         effort=1.0,
         ridge=1.0,
@@ -45,8 +45,7 @@ def learned(trajectory: EncodedTrajectory) -> tuple[float, float]:
         final_fraction=0.1,
         gradient_clip=10.0,
         select=SelectConfig(8, 1.0, 2),
-        shoot=ShootConfig(0, 8, 1e-3, 1.0, 0.0),
-        likelihood=LikelihoodConfig(600, 8, 1.3),
+        likelihood=LikelihoodConfig(600, 8, 1.3, 4),
     )
     _, report = fit_dynamics(trajectory, np.eye(1), config, 0, rest=np.zeros(1))
     assert report.at_rest is not None

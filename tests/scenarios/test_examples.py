@@ -22,9 +22,7 @@ TOY = (
     "stage1.steps=300",
     "chart.visibility_frames=4",
     "stage2.steps=0",
-    "stage2.shoot.steps=0",
     "stage2.start.iterations=10",
-    "stage2.start.shooting_iterations=0",
     "evaluate.starts=2",
 )
 SEARCH = ("families=3", "places=1", "starts=1", "iterations=4", "identify_iterations=6")

@@ -59,6 +59,11 @@ class Guard:
         self.of_map = parameters.find_columns(MAP)
         self.of_energy = parameters.find_columns(POTENTIAL, VOLUMES)
 
+    def keep_folds(self, before: "Guard") -> None:
+        """Take over the points of the map from a guard of the same polynomials."""
+        if self.slopes.shape[1:] == before.slopes.shape[1:]:
+            self.slopes = before.slopes
+
     def add_folds(self, coordinates: PolynomialMap) -> bool:
         """Add points at which a map has come near a fold in spite of the guard; whether there are any."""
         states = draw_states(coordinates.ball, CHECKED, reach=REACH, seed=0)

@@ -22,11 +22,12 @@ from jaxtyping import Float64
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
-from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, WindowFit, fit_windows
+from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, fit_windows
 from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
-from lagsplat.stage2.likelihood.prior import ABSENT
+from lagsplat.stage2.likelihood.prior import ABSENT, NARROW
 from lagsplat.stage2.likelihood.response_map import fit_response_map
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters
+from lagsplat.stage2.likelihood.window_likelihood import WindowFit
 from lagsplat.stage2.likelihood.windows import choose_stretches
 from lagsplat.stage2.polynomials import PolynomialMap
 from lagsplat.stage2.validation import ForecastErrors
@@ -118,7 +119,8 @@ class LikelihoodFit:
             most.coordinates if form.map_degree is None else form.map_degree,
             most.matrices if form.matrix_degree is None else form.matrix_degree,
         )
-        self.form, self.map_degree = form.with_degrees(self.most), form.map_degree
+        self.form = replace(form, terms="polynomial").with_degrees(self.most)
+        self.map_degree = form.map_degree
         self.ladder = list_lower_degrees(self.most._replace(coordinates=1, matrices=0))
 
     def choose_start(self) -> FittedLaw:
@@ -188,13 +190,16 @@ class LikelihoodFit:
             ValueError: the recording is too short to be divided.
             numpy.linalg.LinAlgError: a parameter is not determined.
         """
-        # the windows of a law of the weak form are fitted to it
-        solved = fitted.solved or self._fit(fitted, 1.0, fitted.coupling, part=1, hold_law=True).solved
-        assert solved is not None
-        problem, windows = solved
+        problem, windows = self.solve_windows(fitted)
         return draw_parameters(
             problem.score_windows(windows), problem.parameters.read().numpy(), seed=self.seed
         )
+
+    def solve_windows(self, fitted: FittedLaw) -> tuple[MultipleShooting, WindowFit]:
+        """The windows of a law and their starts; those of a law of the weak form are fitted to it."""
+        solved = fitted.solved or self._fit(fitted, 1.0, fitted.coupling, part=1, hold_law=True).solved
+        assert solved is not None
+        return solved
 
     def maximize(self, start: FittedLaw) -> FittedLaw:
         """Fit a law in a part of the frames, and then in all.
@@ -212,7 +217,7 @@ class LikelihoodFit:
                 f"no polynomial law of degree 2 to {self.most.potential} forecasts the training clip "
                 f"better than its mean state (error {chosen.errors.score:.3g} of its rms): the latents may "
                 "be too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, "
-                "or take stage2=networks"
+                "or take stage2=paper, which is trained on single steps"
             )
         return chosen
 
@@ -233,7 +238,7 @@ class LikelihoodFit:
         """Fit a start with all terms, whose priors the evidence tells."""
         loose, safe = self._estimate_noise(start)
         full = change_degrees(loose.law, self.most, seed=self.seed)
-        relevance = np.ones(len(ParameterVector(full).list_groups()))
+        relevance = np.full(len(ParameterVector(full).list_groups()), NARROW)
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
             return safe

@@ -1,15 +1,13 @@
 """Maximum likelihood of a law by Gauss-Newton multiple shooting with variational equations.
 
-The trajectory as encoded is cut into windows. Unknown are the parameters of the law and the state at the
-start of every window, in the coordinates of the law. Residuals are the encoded positions less those of the
-rollouts, as latents, in units of their noise, which is autoregressive; and the gaps between the end of a
-window and the start of the next, in units of a coupling that is tightened from fit to fit. Loose windows
-converge from a poor law; coupled ones do not let free starts absorb what the law gets wrong. The states are
-eliminated window by window, so that a step solves one system of the size of the parameters. Steps are damped
-as Levenberg and Marquardt do.
+Unknown are the parameters of the law and the state at the start of every window, in the coordinates of the
+law. The coupling of the windows is tightened from fit to fit: loose windows converge from a poor law; coupled
+ones do not let free starts absorb what the law gets wrong. The states are eliminated window by window, so
+that a step solves one system of the size of the parameters. Steps are damped as Levenberg and Marquardt do,
+by Nielsen's rule.
 
 Source: Bock 1983, "Recent advances in parameter identification techniques for O.D.E."; Marquardt 1963,
-DOI 10.1137/0111030.
+DOI 10.1137/0111030; Nielsen 1999, "Damping parameter in Marquardt's method" (IMM-REP-1999-05).
 """
 
 from collections.abc import Sequence
@@ -26,36 +24,21 @@ from torch import Tensor
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.guard import Guard
-from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, Paths, States
-from lagsplat.stage2.likelihood.prior import Prior, make_prior
-from lagsplat.stage2.likelihood.windows import Windows, cut_windows
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, States
+from lagsplat.stage2.likelihood.prior import make_prior
+from lagsplat.stage2.likelihood.window_likelihood import Residuals, WindowFit, WindowLikelihood
+from lagsplat.stage2.likelihood.windows import cut_windows
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-9
-ATTEMPTS, STRENGTHENED, WEAKENED = 16, 4.0, 8.0  # of a step, and factors of its damping where it fails or not
+ATTEMPTS = 16  # of a step, ever more damped
 SMALL_GAINS = 2  # in a row, after which a fit ends: one alone may be a bend of the valley
 SETTLED = 0.2  # change of the logarithm of a prior's relevance, below which a fit may end
 PROBE = 0.1  # share of a step for its curvature
 MOST_TURN = 0.75  # largest second-order term (the source's)
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
-LONGEST_MEMORY = 0.98  # of autoregressive noise, below a random walk, which would say nothing of positions
+CHUNK = 8  # windows whose derivatives are made at once
 REGUARDED = 2  # times that a fit is repeated because its map came near a fold
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares.
-
-    ``misfit`` counts the guard's residuals as well, ``cost`` the prior's too.
-    """
-
-    path: Paths
-    latents: Float[Tensor, "K n d"]  # without the last state of a window, which is the first of the next
-    error: Float[Tensor, "K n d"]  # of latents, before the noise's memory and size are taken out
-    position: Float[Tensor, "K n d"]
-    gap: Float[Tensor, "G s"]
-    misfit: float
-    cost: float
 
 
 @dataclass(frozen=True)
@@ -70,50 +53,10 @@ class NormalEquations:
     law_gradient: Float64[np.ndarray, " p"]
 
 
-@dataclass(frozen=True)
-class WindowFit:
-    """Result of a fit: states at the window starts; rms residual of each coordinate and its correlation.
+class MultipleShooting(WindowLikelihood):
+    """Fits a polynomial law by Gauss-Newton steps; see `WindowLikelihood` for its arguments."""
 
-    ``missed`` is the larger of that and the rms gap, of the worst coordinate [whitened units].
-    """
-
-    starts: States
-    rms: Float64[np.ndarray, " d"]
-    memory: Float64[np.ndarray, " d"]
-    cost: float
-    missed: float
-    steps: int
-
-
-class MultipleShooting:
-    """A fit in progress.
-
-    Args:
-        parameters: of the law.
-        windows: of the trajectory.
-        noise: standard deviation of the encoded positions, one for each coordinate.
-        memory: correlation of the noise from frame to frame: it is autoregressive.
-        coupling: standard deviation of the gaps between windows, one for each position and velocity.
-        guard: keeps the map invertible and the loaded stiffness positive.
-        prior: of the parameters; none of the terms is absent by default.
-    """
-
-    def __init__(
-        self,
-        parameters: ParameterVector,
-        windows: Windows,
-        *,
-        noise: Float64[np.ndarray, " d"],
-        memory: Float64[np.ndarray, " d"],
-        coupling: Float64[np.ndarray, " s"],
-        guard: Guard | None = None,
-        prior: Prior | None = None,
-    ) -> None:
-        self.parameters, self.windows, self.guard = parameters, windows, guard
-        self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
-        self.coupling = torch.from_numpy(coupling)
-        self.before = np.flatnonzero(windows.linked)
-        self.prior = prior or make_prior(parameters)
+    parameters: ParameterVector
 
     def fit(
         self,
@@ -141,34 +84,34 @@ class MultipleShooting:
         for _ in range(0 if lost else iterations):
             slopes = self.differentiate(theta, now)
             normal = self.assemble(theta, now, slopes)
-            changed = 0.0
+            changed, stronger = 0.0, 2.0
             if steps and least_growth is not None:
                 now, normal, changed = self._follow_prior(theta, now, normal)
             for _ in range(ATTEMPTS):
                 with np.errstate(all="ignore"):  # a step that overflows is refused
                     step = self._step(theta, starts, now, slopes, normal, damping=damping, hold_law=hold_law)
                 if step is not None:
-                    after = self.evaluate(theta + step[1], starts + step[0])
+                    after = self.evaluate(theta + step.law, starts + step.states)
                     if after.cost < now.cost:
                         break
-                damping *= STRENGTHENED
+                damping, stronger = damping * stronger, 2.0 * stronger
             else:
                 break
             gain = now.cost - after.cost
-            small = small + 1 if gain < least_gain and changed < SETTLED else 0
-            theta, starts, now = theta + step[1], starts + step[0], after
-            damping, steps = max(damping / WEAKENED, LEAST_DAMPING), steps + 1
+            small = small + 1 if max(gain, step.promised) < least_gain and changed < SETTLED else 0
+            theta, starts, now = theta + step.law, starts + step.states, after
+            # Nielsen's rule: the better the step kept its promise, the less the next one is damped
+            kept = gain / step.promised
+            damping, steps = (
+                max(damping * max(1 / 3, 1.0 - (2.0 * kept - 1.0) ** 3), LEAST_DAMPING),
+                steps + 1,
+            )
             if small == SMALL_GAINS or gain < least_share * now.cost:
                 if least_growth is None or not self._add_terms(theta, now, least_growth):
                     break
                 now, small, damping = self._with_prior(theta, now), 0, FIRST_DAMPING
         self.parameters.write(theta)
-        error = now.error.numpy()
-        power = np.mean(error**2, axis=(0, 1)) + 1e-300
-        memory = np.mean(error[:, 1:] * error[:, :-1], axis=(0, 1)) / power
-        return WindowFit(
-            starts, np.sqrt(power), np.clip(memory, 0.0, LONGEST_MEMORY), now.cost, self._missed(now), steps
-        )
+        return self.describe(now, starts, steps=steps)
 
     def _follow_prior(
         self, theta: Float[Tensor, " p"], now: Residuals, normal: NormalEquations
@@ -185,12 +128,6 @@ class MultipleShooting:
         )
         ratio = self.prior.relevance / before.relevance
         return self._with_prior(theta, now), changed, float(np.abs(np.log(ratio)).max(initial=0.0))
-
-    def _with_prior(self, theta: Float[Tensor, " p"], now: Residuals) -> Residuals:
-        """Residuals whose cost is that under the prior as it is."""
-        prior = float(self.prior.precision @ np.square(theta.numpy() - self.prior.mean))
-        cost = now.misfit + 0.5 * prior
-        return replace(now, cost=cost if np.isfinite(cost) else float("inf"))
 
     def _add_terms(self, theta: Float[Tensor, " p"], now: Residuals, least_gain: float) -> bool:
         """Add the absent terms that raise the evidence most to the prior; whether there are any."""
@@ -213,7 +150,7 @@ class MultipleShooting:
         *,
         damping: float,
         hold_law: bool,
-    ) -> tuple[States, Float[Tensor, " p"]] | None:
+    ) -> "Step | None":
         """A step of states and parameters with geodesic acceleration, or None where it leads too far.
 
         Least squares with many parameters lie in long curved valleys. A second-order term from the
@@ -225,9 +162,10 @@ class MultipleShooting:
         step = solve_normal(normal, linked, damping=damping)
         if step is None:
             return None
+        states, law = step[0], torch.zeros_like(theta) if hold_law else step[1]
+        promised = _promise(normal, states.numpy(), law.numpy(), damping)
         if hold_law:
-            return step[0], torch.zeros_like(theta)
-        states, law = step
+            return Step(states, law, promised)
         ahead = self.evaluate(theta + PROBE * law, starts + PROBE * states)
         if not np.isfinite(ahead.cost):
             return None
@@ -243,14 +181,14 @@ class MultipleShooting:
         length, turn = (float(np.sqrt(scale @ each[1].numpy() ** 2)) for each in (step, second))
         if turn > MOST_TURN * length:
             return None
-        return states + 0.5 * second[0], law + 0.5 * second[1]
+        return Step(states + 0.5 * second[0], law + 0.5 * second[1], promised)
 
     def _apply(
         self, slopes: "Slopes", states: Float64[np.ndarray, "K s"], law: Float64[np.ndarray, " p"]
     ) -> tuple[Float64[np.ndarray, "K r"], Float64[np.ndarray, "G s"]]:
         """How the residuals change to first order along a step."""
         by_state, by_law, here, along = slopes
-        position = np.einsum("krs,ks->kr", by_state, states) + by_law @ law
+        position = (by_state @ states[:, :, None])[:, :, 0] + by_law @ law
         gap = np.einsum("gas,gs->ga", here, states[self.before]) + along @ law
         return position, gap + states[self.before + 1] / self.coupling.numpy()
 
@@ -262,51 +200,31 @@ class MultipleShooting:
     ) -> tuple[Float64[np.ndarray, "K s"], Float64[np.ndarray, " p"]]:
         """Gradients by the window starts and by the parameters, less those of prior and guard."""
         by_state, by_law, here, along = slopes
-        states = np.einsum("krs,kr->ks", by_state, position)
+        states = (by_state.mT @ position[:, :, None])[:, :, 0]
         states[self.before] += np.einsum("gab,ga->gb", here, gap)
         states[self.before + 1] += gap / self.coupling.numpy()
-        return states, np.einsum("krp,kr->p", by_law, position) + np.einsum("gsp,gs->p", along, gap)
-
-    def _missed(self, now: Residuals) -> float:
-        position = now.error.square().mean((0, 1)).sqrt()
-        gap = now.gap.square().mean(0).sqrt() * self.coupling if len(now.gap) else position
-        return float(torch.cat([position, gap]).max())
-
-    def evaluate(self, theta: Float[Tensor, " p"], starts: States) -> Residuals:
-        """Roll out all windows and measure what they miss; the cost of a divergence is infinite."""
-        path = self.parameters.roll_out(theta, starts, self.windows)
-        targets = self.windows.targets[:, :-1]
-        latents = self.parameters.observe(theta, path[:, :-1, : len(self.noise)], targets)
-        error = latents - targets
-        position = self._whiten(error[..., None])[..., 0]
-        gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
-        misfit = position.square().sum() + gap.square().sum()
-        if self.guard is not None:
-            misfit = misfit + self.guard.measure(theta)[0].square().sum()
-        residuals = Residuals(path, latents, error, position, gap, 0.5 * float(misfit), float("inf"))
-        return self._with_prior(theta, residuals)
-
-    def _whiten(self, residual: Float[Tensor, "K n d k"]) -> Float[Tensor, "K n d k"]:
-        """Residuals as independent ones of unit size, window by window."""
-        fresh = (self.noise * (1.0 - self.memory**2).sqrt())[:, None]
-        later = (residual[:, 1:] - self.memory[:, None] * residual[:, :-1]) / fresh
-        return torch.cat([residual[:, :1] / self.noise[:, None], later], 1)
+        by_law, along = (each.reshape(-1, each.shape[2]) for each in (by_law, along))
+        return states, position.ravel() @ by_law + gap.ravel() @ along
 
     def differentiate(self, theta: Float[Tensor, " p"], now: Residuals) -> "Slopes":
         """Derivatives of the residuals by the window starts and by the parameters."""
-        transition, sensitivity = self.parameters.differentiate(theta, now.path, self.windows)
+        transition, sensitivity, last = self.parameters.differentiate(theta, now.path, self.windows)
         inverse_jacobian, by_map = self.parameters.differentiate_observation(theta, now.latents)
-        k, d, before = len(now.path), len(self.noise), self.before
-        by_state = inverse_jacobian @ transition[:, :-1, :d]
-        # the map, whose coefficients are the first parameters, changes what is seen alone
-        by_law = torch.cat([by_map, inverse_jacobian @ sensitivity[:, :-1, :d]], 3)
+        k, n, d, before = *now.error.shape, self.before
+        by_state = torch.empty(k, n, d, 2 * d, dtype=theta.dtype)
+        by_law = torch.empty(k, n, d, len(theta), dtype=theta.dtype)
+        for at in (slice(i, i + CHUNK) for i in range(0, k, CHUNK)):  # small enough for the cache
+            by_state[at] = self._whiten(inverse_jacobian[at] @ transition[at, :-1, :d])
+            # the map, whose coefficients are the first parameters, changes what is seen alone
+            of_rollout = inverse_jacobian[at] @ sensitivity[at]
+            by_law[at] = self._whiten(torch.cat([by_map[at], of_rollout], 3))
         inverse = (1.0 / self.coupling)[:, None]
-        along = -inverse * sensitivity[before, -1]
+        along = torch.cat([last.new_zeros(len(before), 2 * d, by_map.shape[3]), -inverse * last[before]], 2)
         return Slopes(
-            self._whiten(by_state).reshape(k, -1, 2 * d).numpy(),
-            self._whiten(by_law).reshape(k, -1, len(theta)).numpy(),
+            by_state.view(k, n * d, -1).numpy(),
+            by_law.view(k, n * d, -1).numpy(),
             (-inverse * transition[before, -1]).numpy(),
-            torch.cat([by_map.new_zeros(len(before), 2 * d, by_map.shape[3]), along], 2).numpy(),
+            along.numpy(),
         )
 
     def assemble(self, theta: Float[Tensor, " p"], now: Residuals, slopes: "Slopes") -> NormalEquations:
@@ -322,9 +240,10 @@ class MultipleShooting:
         link[before] = here.mT * inverse
         mixed[before] += here.mT @ along
         mixed[before + 1] += inverse[:, None] * along
-        rows = np.concatenate([by_law.reshape(-1, p), along.reshape(-1, p)])
         prior = self.prior.precision
-        law = rows.T @ rows + np.diag(prior)
+        law = np.diag(prior)
+        for rows in (by_law.reshape(-1, p), along.reshape(-1, p)):
+            law = law + rows.T @ rows
         law_gradient = law_gradient + prior * (theta.numpy() - self.prior.mean)
         if self.guard is not None:
             lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
@@ -382,6 +301,14 @@ class MultipleShooting:
         scale = scale / np.linalg.norm(scale)
         held = np.trace(states.law) * np.outer(scale, scale)
         return WindowScores(scores, each, states.law + held, self.prior.precision)
+
+
+class Step(NamedTuple):
+    """A step of the window starts and the parameters, and the gain that the linearised residuals promise."""
+
+    states: States
+    law: Float[Tensor, " p"]
+    promised: float
 
 
 class Slopes(NamedTuple):
@@ -458,6 +385,18 @@ def solve_normal(
     return torch.from_numpy(starts), torch.from_numpy(theta)
 
 
+def _promise(
+    normal: NormalEquations,
+    states: Float64[np.ndarray, "K s"],
+    law: Float64[np.ndarray, " p"],
+    damping: float,
+) -> float:
+    """How much a damped step lowers the misfit to second order."""
+    slope = np.sum(normal.states_gradient * states) + normal.law_gradient @ law
+    square = np.einsum("kss,ks->", normal.states, states**2) + np.diag(normal.law) @ law**2
+    return float(0.5 * (damping * square - slope))
+
+
 def fit_windows(
     lagrangian: Lagrangian,
     measured: EncodedTrajectory,
@@ -490,7 +429,8 @@ def fit_windows(
         hold_law: fit the window starts alone.
         least_growth: gain of evidence for which terms are added [nat]; None leaves the prior as it is.
         relevance: of the groups of the prior, at first.
-        near: a fit of the same function; its window starts are the first guess if its windows are these.
+        near: a fit of the same function; its window starts are the first guess if its windows are these, and
+            points at which its map came near a fold are guarded.
 
     Raises:
         ValueError: no part is as long as a window.
@@ -504,6 +444,8 @@ def fit_windows(
         state = torch.cat(parameters.coordinates.push(torch.from_numpy(smooth.latents), velocity), 1)
     size = coupling * (state.std(0, correction=0).numpy() + 1e-12)
     guard = Guard(parameters, measured, seed=0)
+    if near is not None and near[0].guard is not None:
+        guard.keep_folds(near[0].guard)
     prior = make_prior(parameters, relevance)
     problem = MultipleShooting(
         parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard, prior=prior

@@ -103,13 +103,16 @@ class ParameterVector:
     @torch.no_grad()
     def differentiate(
         self, theta: Float[Tensor, " p"], path: Paths, windows: Windows
-    ) -> tuple[Float[Tensor, "K n s s"], Float[Tensor, "K n s k"]]:
-        """Derivatives of every state by the start of its window and by all parameters but the map's."""
+    ) -> tuple[Float[Tensor, "K m s s"], Float[Tensor, "K n d k"], Float[Tensor, "K s k"]]:
+        """Derivatives of the states by the start of their window, and by all parameters but the map's.
+
+        The latter are those of every position but the last, and of the last state.
+        """
         self.write(theta)
-        transition, sensitivity = polynomial_kernels.differentiate_path(
+        transition, by_law, last = polynomial_kernels.differentiate_path(
             list_law_arrays(*self.terms), path.numpy(), windows.inputs.numpy(), windows.steps.numpy()
         )
-        return torch.from_numpy(transition), torch.from_numpy(sensitivity)
+        return torch.from_numpy(transition), torch.from_numpy(by_law), torch.from_numpy(last)
 
     def _split(self, theta: Tensor) -> dict[str, Tensor]:
         pieces = theta.split([p.numel() for p in self.parts.values()])

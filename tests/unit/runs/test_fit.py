@@ -19,9 +19,7 @@ SMALL = (
     "stage1.steps=300",
     "chart.visibility_frames=4",
     "stage2.steps=0",
-    "stage2.shoot.steps=0",
     "stage2.start.iterations=10",
-    "stage2.start.shooting_iterations=0",
     "evaluate.starts=2",
 )
 

@@ -88,7 +88,7 @@ def test_the_weak_form_counts_uneven_times(motion: EncodedTrajectory) -> None:
 def test_the_likelihood_finds_frequency_and_decay_and_a_file_keeps_the_law(
     motion: EncodedTrajectory, tmp_path
 ) -> None:
-    settings = config(form=POLYNOMIAL, likelihood=LikelihoodConfig(960, 10, 1.3))
+    settings = config(form=POLYNOMIAL, likelihood=LikelihoodConfig(960, 10, 1.3, 4))
     law, report = fit_dynamics(
         motion.smoothed(1.5), np.eye(1), settings, 0, rest=np.zeros(1), measured=motion
     )
@@ -109,7 +109,9 @@ def test_what_forecasts_nothing_is_refused_and_so_is_a_clip_shorter_than_a_bump(
     motion: EncodedTrajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     noise = np.random.default_rng(1).standard_normal(motion.latents.shape)
-    settings = config(form=replace(POLYNOMIAL, potential_degree=3), likelihood=LikelihoodConfig(400, 2, 1.3))
+    settings = config(
+        form=replace(POLYNOMIAL, potential_degree=3), likelihood=LikelihoodConfig(400, 2, 1.3, 4)
+    )
     # a law that only decays to the mean forecasts noise as well as the mean does, by chance a little better
     monkeypatch.setattr(likelihood_fit, "MEAN_STATE", 0.5)
     with pytest.raises(ValueError, match=r"no polynomial law of degree 2 to 3 .* mean state"):

@@ -13,6 +13,7 @@ from lagsplat.stage2.likelihood import multiple_shooting
 from lagsplat.stage2.likelihood.guard import MAP_STATES, STATES, Guard
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, solve_normal
 from lagsplat.stage2.likelihood.parameter_vector import MAP, ParameterVector
+from lagsplat.stage2.likelihood.prior import make_prior
 from lagsplat.stage2.likelihood.windows import choose_stretches, cut_windows
 from lagsplat.stage2.polynomials import draw_states, make_wide_ball
 from lagsplat.stage2.rollout import rollout, rollout_in_torch
@@ -38,6 +39,7 @@ def problem(coupling: float = 0.1) -> tuple[MultipleShooting, torch.Tensor, torc
         noise=np.full(2, 0.1),
         memory=np.array([0.0, 0.6]),
         coupling=np.full(4, coupling),
+        prior=make_prior(parameters),
         guard=Guard(parameters, motion, seed=0),
     )
     starts = torch.from_numpy(np.concatenate([motion.latents, 0.0 * motion.latents], axis=1)[windows.frames])
@@ -65,7 +67,7 @@ def test_stretches_are_spread_over_the_recording() -> None:
 def test_derivatives_are_those_of_the_rollout() -> None:
     shooting, theta, starts = problem()
     path = shooting.parameters.roll_out(theta, starts, shooting.windows)
-    by_start, by_theta = shooting.parameters.differentiate(theta, path, shooting.windows)
+    by_start, by_theta, last = shooting.parameters.differentiate(theta, path, shooting.windows)
     step = 1e-6
     n_map = len(shooting.parameters.find_columns(MAP))
     assert by_theta.shape[3] == len(theta) - n_map
@@ -75,7 +77,9 @@ def test_derivatives_are_those_of_the_rollout() -> None:
         ends = [
             shooting.parameters.roll_out(theta + sign * away, starts, shooting.windows) for sign in (1, -1)
         ]
-        torch.testing.assert_close((ends[0] - ends[1]) / (2 * step), by_theta[..., k], rtol=1e-5, atol=1e-6)
+        change = (ends[0] - ends[1]) / (2 * step)
+        torch.testing.assert_close(change[:, :-1, :2], by_theta[..., k], rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(change[:, -1], last[..., k], rtol=1e-5, atol=1e-6)
     away = torch.zeros_like(starts)
     away[:, 3] = step
     ends = [shooting.parameters.roll_out(theta, starts + sign * away, shooting.windows) for sign in (1, -1)]
@@ -190,9 +194,11 @@ def test_the_evidence_tells_whether_the_motion_follows_the_law(kick: float) -> N
     seen = replace(windows, targets=torch.cat(targets) + torch.from_numpy(noise))
     evidence = []
     for coupling in (0.2, 0.01):
+        parameters = ParameterVector(lagrangian)
         shooting = MultipleShooting(
-            ParameterVector(lagrangian),
+            parameters,
             seen,
+            prior=make_prior(parameters),
             noise=np.full(2, 0.028),
             memory=np.full(2, 0.7),
             coupling=np.full(4, coupling),

@@ -1,7 +1,5 @@
 """What a law leaves of a chart whose error repeats itself is taken for noise, coordinate by coordinate."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -43,7 +41,7 @@ def motion() -> EncodedTrajectory:
 
 
 def test_noise_is_what_a_good_law_leaves(motion: EncodedTrajectory) -> None:
-    settings = replace(config(), form=POLYNOMIAL)
+    settings = config(form=POLYNOMIAL)
     smooth = motion.smoothed(1.0)
     fit = DynamicsFit(smooth, np.eye(2), settings, 0, lambda row: None)
     likelihood = LikelihoodFit(

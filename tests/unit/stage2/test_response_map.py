@@ -79,9 +79,8 @@ def test_latents_that_no_input_explains_have_no_map(inputs: str) -> None:
 
 def test_a_linear_law_is_kept_where_it_forecasts_as_well() -> None:
     _, motion = record(0.08)
-    settings = replace(
-        config(), form=form(terms="polynomial", potential_degree=None, map_degree=None, matrix_degree=0)
-    )
+    linear = form(terms="polynomial", potential_degree=None, map_degree=None, matrix_degree=0)
+    settings = config(form=linear)
     law, report = fit_dynamics(
         motion.smoothed(1.0), np.eye(2), settings, 0, rest=np.zeros(2), measured=motion
     )

@@ -21,7 +21,7 @@ def test_intervals_hold_the_truth_and_a_file_keeps_the_draws(tmp_path) -> None:
     held = []
     for seed in range(8):
         motion = record(seed)
-        settings = config(form=QUARTIC, likelihood=LikelihoodConfig(600, 8, 1.3))
+        settings = config(form=QUARTIC, likelihood=LikelihoodConfig(600, 8, 1.3, 4))
         law, report = fit_dynamics(motion, np.eye(1), settings, 0, rest=np.zeros(1), measured=motion)
         assert report.draws is not None
         still = torch.zeros(1, dtype=torch.float64)
