@@ -42,7 +42,7 @@ FIRST_SHARE = 0.01
 """Of the misfit, by which each of their steps must lower it: fitted to the end, free windows overfit."""
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
-LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
+LEAST_GAIN = 2.0  # of a step [nat]: fits end after smaller ones, which say nothing
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
 LINEAR = Degrees(potential=2, inputs=1, coordinates=1, matrices=0)
