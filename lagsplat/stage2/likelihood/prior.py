@@ -27,8 +27,8 @@ VAGUE = 1e-2  # precision of the coefficients of a linear law
 EDGE = 3.0  # of the data [standard deviations]
 ABSENT = 1e8  # relevance of a group that explains nothing
 MOST, LEAST = 1e6, 1e-3  # of the others
-FASTEST = 3.0  # change of a relevance in a step
-NARROW = 1e5  # relevance of all groups at first: a law is linear, and bends step by step
+FASTEST = 10.0  # change of a relevance in a step
+NARROW = 1.0  # relevance of all groups at first
 TRIED = 10.0 ** np.arange(-2.0, 5.5, 0.5)  # for an absent group
 
 
