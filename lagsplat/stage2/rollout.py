@@ -42,8 +42,10 @@ def rollout(
     starts = torch.cat(coordinates.push(q0.double(), v0.double() * unit), 1)
     law = list_law_arrays(energy, mass, damping)
     path = torch.from_numpy(roll_out(law, starts.numpy(), held.contiguous().numpy(), steps.numpy()))
-    q, v = coordinates.pull(*path.flatten(0, 1).split(d, 1))
-    return q.view(*path.shape[:2], d), v.view(*path.shape[:2], d) / unit
+    q, v = (each.view(*path.shape[:2], d) for each in coordinates.pull(*path.flatten(0, 1).split(d, 1)))
+    v = v / unit
+    q[:, 0], v[:, 0] = q0, v0  # there and back through the map is not exact
+    return q, v
 
 
 @torch.no_grad()
