@@ -24,7 +24,7 @@ from lagsplat.stage2.config import Degrees, Stage2Config
 from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, fit_windows
 from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
-from lagsplat.stage2.likelihood.prior import ABSENT, NARROW
+from lagsplat.stage2.likelihood.prior import ABSENT
 from lagsplat.stage2.likelihood.response_map import fit_response_map
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters
 from lagsplat.stage2.likelihood.window_likelihood import WindowFit
@@ -42,7 +42,7 @@ FIRST_SHARE = 0.01
 """Of the misfit, by which each of their steps must lower it: fitted to the end, free windows overfit."""
 COUPLED_LEGS = ((1.0, 0.1), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (1.0, 0.001))
 """The same, until the motion follows the law alone."""
-LEAST_GAIN = 2.0  # of a step [nat]: fits end after smaller ones, which say nothing
+LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
 LINEAR = Degrees(potential=2, inputs=1, coordinates=1, matrices=0)
@@ -238,7 +238,7 @@ class LikelihoodFit:
         """Fit a start with all terms, whose priors the evidence tells."""
         loose, safe = self._estimate_noise(start)
         full = change_degrees(loose.law, self.most, seed=self.seed)
-        relevance = np.full(len(ParameterVector(full).list_groups()), NARROW)
+        relevance = np.ones(len(ParameterVector(full).list_groups()))
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
             return safe

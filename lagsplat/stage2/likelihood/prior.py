@@ -28,7 +28,6 @@ EDGE = 3.0  # of the data [standard deviations]
 ABSENT = 1e8  # relevance of a group that explains nothing
 MOST, LEAST = 1e6, 1e-3  # of the others
 FASTEST = 10.0  # change of a relevance in a step
-NARROW = 1.0  # relevance of all groups at first
 TRIED = 10.0 ** np.arange(-2.0, 5.5, 0.5)  # for an absent group
 
 
