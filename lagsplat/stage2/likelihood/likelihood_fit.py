@@ -26,7 +26,7 @@ from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, fit_w
 from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
 from lagsplat.stage2.likelihood.prior import ABSENT
 from lagsplat.stage2.likelihood.response_map import fit_response_map
-from lagsplat.stage2.likelihood.uncertainty import draw_parameters
+from lagsplat.stage2.likelihood.uncertainty import BLOCKS, draw_parameters, leave_out_windows
 from lagsplat.stage2.likelihood.window_likelihood import WindowFit
 from lagsplat.stage2.likelihood.windows import choose_stretches
 from lagsplat.stage2.polynomials import PolynomialMap
@@ -68,7 +68,8 @@ class FittedLaw:
     coupling: float = COUPLED_LEGS[0][1]
     evidence: float = -math.inf  # [nat]
     relevance: Float64[np.ndarray, " g"] | None = None  # of the priors of terms that a linear law has not
-    solved: tuple[MultipleShooting, WindowFit] | None = None  # None: of the weak form
+    solved: tuple[MultipleShooting, WindowFit] | None = None  # None: its windows are not fitted
+    half_width: int | None = None  # of the bumps [frames], if it is a law of the weak form
 
     def with_fitted_noise(self) -> "FittedLaw":
         """Take what the law leaves of the encoded positions for their noise, under which evidence is open."""
@@ -133,47 +134,65 @@ class LikelihoodFit:
         """
         starts, withheld = [], []
         for degrees in reversed(self.ladder):
-            width, start = self._choose_width(degrees)
+            start = self._choose_width(degrees)
             starts.append(start)
-            withheld.append(self._cross_validate(start, width))
+            withheld.append(self._cross_validate(start))
         best = min(withheld, key=lambda errors: errors.score)
         return next(
             start for start, errors in zip(starts, withheld, strict=True) if not errors.is_worse_than(best)
         )
 
-    def _choose_width(
-        self, degrees: Degrees, coordinates: PolynomialMap | None = None
-    ) -> tuple[int, FittedLaw]:
-        """The width of bumps whose law forecasts best, and that law; in other ``coordinates`` if given."""
-        trajectory = self.measured
-        if coordinates is not None:
-            with torch.no_grad():
-                straight, _ = coordinates.evaluate(torch.from_numpy(trajectory.latents))
-            trajectory = replace(trajectory, latents=straight.numpy())
+    def _straighten(self, coordinates: PolynomialMap | None) -> EncodedTrajectory:
+        """The trajectory as encoded, in other ``coordinates`` if given."""
+        if coordinates is None:
+            return self.measured
+        with torch.no_grad():
+            straight, _ = coordinates.evaluate(torch.from_numpy(self.measured.latents))
+        return replace(self.measured, latents=straight.numpy())
+
+    def _choose_width(self, degrees: Degrees, coordinates: PolynomialMap | None = None) -> FittedLaw:
+        """The law of the bumps whose width forecasts best; in other ``coordinates`` if given."""
+        trajectory = self._straighten(coordinates)
         longest = max(stop - start for start, stop in trajectory.segments)
         widths = {max(3, round(share * self.period_frames)) for share in BUMP_SHARES}
         fitting = sorted(width for width in widths if 4 * width < longest) or [min(widths)]
         noise = np.maximum((self.measured.latents - self.smooth.latents).std(axis=0), LEAST_NOISE)
         of_widths = []
         for width in fitting:
-            law = self._fit_weak_form(trajectory, degrees, width)
-            if law.coordinates is not None and coordinates is not None:
-                law.coordinates.load_state_dict(coordinates.state_dict())
+            law = self._fit_weak_form(trajectory, degrees, width, coordinates)
             period = self._set_time_scales(law)
             errors = self.measure("start", law, width, float("nan"))
-            of_widths.append((width, FittedLaw(law, errors, period, noise, np.zeros_like(noise))))
-        return min(of_widths, key=lambda each: each[1].errors.score)
+            of_widths.append(FittedLaw(law, errors, period, noise, np.zeros_like(noise), half_width=width))
+        return min(of_widths, key=lambda each: each.errors.score)
 
-    def _fit_weak_form(self, trajectory: EncodedTrajectory, degrees: Degrees, width: int) -> Lagrangian:
-        form = self.form.with_degrees(degrees)
-        return fit_weak_form(trajectory, form, half_width=width, time_unit_s=self.time_unit_s, seed=self.seed)
+    def _fit_weak_form(
+        self,
+        trajectory: EncodedTrajectory,
+        degrees: Degrees,
+        width: int,
+        coordinates: PolynomialMap | None = None,
+    ) -> Lagrangian:
+        """The law of a trajectory in ``coordinates``, into which it maps the latents."""
+        law = fit_weak_form(
+            trajectory,
+            self.form.with_degrees(degrees),
+            half_width=width,
+            time_unit_s=self.time_unit_s,
+            seed=self.seed,
+        )
+        if law.coordinates is not None and coordinates is not None:
+            law.coordinates.load_state_dict(coordinates.state_dict())
+        return law
 
-    def _cross_validate(self, start: FittedLaw, width: int) -> ForecastErrors:
+    def _cross_validate(self, start: FittedLaw) -> ForecastErrors:
         """Errors in each fold of laws fitted to the others; of the law itself where these are too short."""
+        assert start.half_width is not None
         parts = []
         for fold in self.folds:
             try:
-                law = self._fit_weak_form(leave_out(self.measured, *fold), start.law.form.degrees, width)
+                law = self._fit_weak_form(
+                    leave_out(self.measured, *fold), start.law.form.degrees, start.half_width
+                )
             except ValueError:
                 return start.errors
             law.longest_step = start.law.longest_step
@@ -190,10 +209,25 @@ class LikelihoodFit:
             ValueError: the recording is too short to be divided.
             numpy.linalg.LinAlgError: a parameter is not determined.
         """
+        theta = ParameterVector(fitted.law).read().numpy()
+        if fitted.half_width is not None:
+            return draw_parameters(theta, self._leave_out_frames(fitted), seed=self.seed)
         problem, windows = self.solve_windows(fitted)
-        return draw_parameters(
-            problem.score_windows(windows), problem.parameters.read().numpy(), seed=self.seed
-        )
+        scores = problem.score_windows(windows)
+        left_out = theta + leave_out_windows(scores)
+        return draw_parameters(theta, left_out, information=scores.information, seed=self.seed)
+
+    def _leave_out_frames(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
+        """Parameters of laws of the weak form as the given one, each without a block of the frames."""
+        trajectory = self._straighten(fitted.law.coordinates)
+        ends = np.linspace(0, len(trajectory.latents), BLOCKS + 1).round().astype(int).tolist()
+        assert fitted.half_width is not None
+        left_out = []
+        for block in pairwise(ends):
+            part, degrees = leave_out(trajectory, *block), fitted.law.form.degrees
+            law = self._fit_weak_form(part, degrees, fitted.half_width, fitted.law.coordinates)
+            left_out.append(ParameterVector(law).read().numpy())
+        return np.stack(left_out)
 
     def solve_windows(self, fitted: FittedLaw) -> tuple[MultipleShooting, WindowFit]:
         """The windows of a law and their starts; those of a law of the weak form are fitted to it."""
@@ -224,15 +258,22 @@ class LikelihoodFit:
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
         """The linear law if it forecasts as well, of the latents or where they answer inputs linearly."""
         highest = MAP_OF_INPUTS if self.map_degree is None else self.map_degree
-        laws = [self._choose_width(LINEAR)[1]]
+        laws = [self._choose_width(LINEAR)]
         for degree in range(2, highest + 1):
             coordinates = fit_response_map(self.measured, degree=degree)
             if coordinates is not None:
-                laws.append(self._choose_width(LINEAR._replace(coordinates=degree), coordinates)[1])
+                laws.append(self._choose_width(LINEAR._replace(coordinates=degree), coordinates))
         linear = min(laws, key=lambda each: each.errors.score)
         if not linear.errors.is_as_good_as(fitted.errors):
             return fitted
-        return self._measure_residual_noise(linear)
+        held = self._measure_residual_noise(linear)
+        if linear.law.form.degrees.coordinates > 1:
+            return held
+        likely = held
+        for _ in range(2):  # the second time under the noise that the most likely law leaves
+            likely = self._fit(likely.with_fitted_noise(), 1.0, fitted.coupling, part=1)
+        worse = likely.errors.is_worse_than(held.errors) or not _is_mechanism(likely.law)
+        return held if worse else likely
 
     def _climb(self, start: FittedLaw) -> FittedLaw:
         """Fit a start with all terms, whose priors the evidence tells."""
@@ -346,6 +387,7 @@ class LikelihoodFit:
             evidence=evidence,
             relevance=None if start.relevance is None else problem.prior.relevance,
             solved=(problem, fitted),
+            half_width=start.half_width if hold_law else None,
         )
 
     def _set_time_scales(self, law: Lagrangian) -> int:

@@ -293,7 +293,7 @@ class MultipleShooting(WindowLikelihood):
         scale = self.parameters.scale_direction().numpy()
         scale = scale / np.linalg.norm(scale)
         held = np.trace(states.law) * np.outer(scale, scale)
-        return WindowScores(scores, each, states.law + held, self.prior.precision)
+        return WindowScores(scores, each, states.law + held)
 
 
 class Step(NamedTuple):
@@ -313,12 +313,11 @@ class Slopes(NamedTuple):
 
 
 class WindowScores(NamedTuple):
-    """Gradient and information of the misfit of each window, all information, and the prior's part of it."""
+    """Gradient and information of the misfit of each window, and all information, the prior's included."""
 
     scores: Float64[np.ndarray, "K p"]
     each: Float64[np.ndarray, "K p p"]
     information: Float64[np.ndarray, "p p"]
-    prior: Float64[np.ndarray, " p"]
 
 
 class EliminatedStates(NamedTuple):

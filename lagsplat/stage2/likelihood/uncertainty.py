@@ -1,11 +1,12 @@
 """How well a recording determines a law: intervals of its modes and equilibria.
 
 Residuals are coloured and the law is not exact, so the curvature of the misfit alone would promise too much.
-Scores of blocks of consecutive windows vary as much as the data make them (a sandwich covariance); laws are
-drawn by weighing the blocks at random.
+Blocks of consecutive windows, left out in turn, move the parameters as much as the data make them (a sandwich
+covariance by the jackknife). Of few blocks it is too small as often as too large: in no direction is it taken
+for less than the curvature says.
 
-Source: White 1982, DOI 10.2307/1912526 (misspecified likelihoods); Kline and Santos 2012, DOI
-10.1515/2156-6674.1003 (random weights of scores).
+Source: White 1982, DOI 10.2307/1912526 (misspecified likelihoods); Kunsch 1989, DOI 10.1214/aos/1176347265
+(jackknife by blocks).
 """
 
 from collections.abc import Sequence
@@ -27,40 +28,63 @@ TAILS = (0.5 * (1.0 - COVERAGE), 0.5 * (1.0 + COVERAGE))
 # The numbers below were set by hand.
 STEP = 0.002  # of the way to a drawn law, which may be far where a recording is short
 LARGEST_LOG = 7.0  # of a ratio: a thousandfold is unknown
-BLOCKS = 10  # of windows, at least three each: neighbours share what is coupled
+BLOCKS = 10  # of a recording; of windows at least three each: neighbours share what is coupled
 DRAWS = 100
 
 
-def draw_parameters(
-    scores: WindowScores, theta: Float64[np.ndarray, " p"], *, seed: int
-) -> Float64[np.ndarray, "n p"]:
-    """Draw parameters about ``theta``, as widely as blocks of windows disagree about them.
-
-    Deviations are stretched so that normal quantiles of the draws are those of Student's t with as many
-    degrees of freedom as there are blocks less one. What the windows do not determine varies as its prior.
+def leave_out_windows(scores: WindowScores) -> Float64[np.ndarray, "n p"]:
+    """How the parameters move, to first order, where one of `BLOCKS` blocks of windows is left out.
 
     Args:
-        scores: of the windows at ``theta``, from `MultipleShooting.score_windows`.
-        theta: the fitted parameters.
-        seed: of the random weights.
+        scores: of the windows at the fitted parameters, from `MultipleShooting.score_windows`.
 
     Raises:
         ValueError: fewer than two windows.
+        numpy.linalg.LinAlgError: a parameter is not determined.
     """
     n_blocks = min(BLOCKS, len(scores.scores), max(2, len(scores.scores) // 3))
     if n_blocks < 2:
         raise ValueError(f"{len(scores.scores)} window: a spread needs two at least; record longer clips")
-    parts = np.array_split(np.arange(len(scores.scores)), n_blocks)
-    left_out = [
-        np.linalg.solve(scores.information - scores.each[part].sum(0), scores.scores[part].sum(0))
-        for part in parts
-    ]
-    deviations = np.sqrt((n_blocks - 1) / n_blocks) * (left_out - np.mean(left_out, axis=0))
+    moved = []
+    for part in np.array_split(np.arange(len(scores.scores)), n_blocks):
+        kept = scores.information - scores.each[part].sum(0)
+        moved.append(np.linalg.solve(kept, scores.scores[part].sum(0)))
+    return np.stack(moved)
+
+
+def draw_parameters(
+    theta: Float64[np.ndarray, " p"],
+    left_out: Float64[np.ndarray, "n p"],
+    *,
+    information: Float64[np.ndarray, "p p"] | None = None,
+    seed: int,
+) -> Float64[np.ndarray, "m p"]:
+    """Draw parameters about ``theta``, as widely as blocks of a recording disagree about them.
+
+    Deviations are stretched so that normal quantiles of the draws are those of Student's t with as many
+    degrees of freedom as there are blocks less one.
+
+    Args:
+        theta: the fitted parameters.
+        left_out: those without one block each.
+        information: curvature of the posterior at ``theta``, if known. In directions in which the blocks
+            promise more, its deviations count: what a recording does not determine varies as its prior.
+        seed: of the draws.
+
+    Raises:
+        numpy.linalg.LinAlgError: a parameter is not determined.
+    """
+    n_blocks, rng = len(left_out), np.random.default_rng(seed)
     stretch = t.ppf(TAILS[1], n_blocks - 1) / norm.ppf(TAILS[1])
-    rng = np.random.default_rng(seed)
-    draws = stretch * rng.standard_normal((DRAWS, n_blocks)) @ deviations
-    prior = rng.standard_normal((DRAWS, len(theta))) * np.sqrt(scores.prior)
-    return theta + draws + np.linalg.solve(scores.information, prior.T).T
+    deviations = stretch * np.sqrt((n_blocks - 1) / n_blocks) * (left_out - left_out.mean(axis=0))
+    if information is None:
+        return theta + rng.standard_normal((DRAWS, n_blocks)) @ deviations
+    factor = np.linalg.cholesky(information)
+    # in coordinates in which the curvature is one
+    _, sizes, directions = np.linalg.svd(deviations @ factor)
+    deviation = np.maximum(np.pad(sizes, (0, len(theta) - len(sizes))), 1.0)
+    drawn = rng.standard_normal((DRAWS, len(theta))) * deviation
+    return theta + np.linalg.solve(factor.T, (drawn @ directions).T).T
 
 
 def draw_modes(

@@ -10,7 +10,13 @@ from lagsplat.stage2.fit import fit_dynamics, load_parameter_draws, save_dynamic
 from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
 from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
-from lagsplat.stage2.likelihood.uncertainty import draw_modes, draw_parameters, match_modes, measure_intervals
+from lagsplat.stage2.likelihood.uncertainty import (
+    draw_modes,
+    draw_parameters,
+    leave_out_windows,
+    match_modes,
+    measure_intervals,
+)
 from tests.stage2_problems import form
 from tests.unit.stage2.test_fit import config
 
@@ -41,12 +47,14 @@ def test_draws_are_as_wide_as_blocks_disagree_and_a_prior_bounds_what_no_window_
     rng = np.random.default_rng(0)
     scores = np.c_[rng.standard_normal((200, 1)), np.zeros((200, 1))]
     each = np.tile(np.diag([1.0, 0.0]), (200, 1, 1))
-    window_scores = WindowScores(scores, each, np.diag([200.0, 1e-4]), np.array([0.0, 1e-4]))
-    draws = draw_parameters(window_scores, np.array([3.0, 5.0]), seed=1)
+    window_scores = WindowScores(scores, each, np.diag([200.0, 1e-4]))
+    theta = np.array([3.0, 5.0])
+    left_out = theta + leave_out_windows(window_scores)
+    draws = draw_parameters(theta, left_out, information=window_scores.information, seed=1)
     assert draws[:, 0].std() == pytest.approx(1 / np.sqrt(200), rel=0.3)
     assert draws[:, 1].std() == pytest.approx(100.0, rel=0.3)
     with pytest.raises(ValueError, match="1 window: a spread needs two"):
-        draw_parameters(WindowScores(scores[:1], each[:1], *window_scores[2:]), np.zeros(2), seed=1)
+        leave_out_windows(WindowScores(scores[:1], each[:1], window_scores.information))
 
 
 def test_modes_are_matched_by_their_eigenvalues_and_a_missing_one_has_no_decay() -> None:
