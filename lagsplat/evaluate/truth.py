@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.stage2.fit import RARE_REST, measure_rest_distance
 from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import STEP, TAILS, draw_modes, measure_intervals
@@ -41,8 +42,10 @@ def compare_with_truth(
 
     Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or for an equilibrium as
     a fraction of the motion's rms), ``low`` and ``high`` (an interval that holds the truth with probability
-    0.9, where the law has ``draws``), ``encoded`` (the same estimator on the encoded motion, whose error is
-    the chart's) and ``residual`` (of the map to coordinates, as a fraction). None where nothing was measured.
+    0.9, where the law has ``draws``), ``extrapolated`` (whether it is of a rest state that the recording
+    hardly visits, of which intervals know nothing), ``encoded`` (the same estimator on the encoded motion,
+    whose error is the chart's) and ``residual`` (of the map to coordinates, as a fraction). None where
+    nothing was measured.
 
     Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
     rollout`` and the true motion are fitted on the same windows of free motion, because frequency depends on
@@ -70,7 +73,9 @@ def compare_with_truth(
     still = np.zeros(lagrangian.n_inputs)
     spread = _draw(lagrangian, draws, still)
     true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
-    rows += _law_rows(lagrangian, still, spread, true, compared, oscillating, "linearised law")
+    at_rest = _law_rows(lagrangian, still, spread, true, compared, oscillating, "linearised law")
+    extrapolated = measure_rest_distance(lagrangian, chart.train) > RARE_REST
+    rows += [row | {"extrapolated": extrapolated} for row in at_rest]
     if len(truth.mean_pressure):
         true = {"frequency_hz": truth.loaded_frequencies_hz, "rate_per_s": truth.loaded_decay_rates_per_s}
         held = truth.mean_pressure
@@ -200,7 +205,7 @@ def _row(
 ) -> dict[str, Any]:
     error = abs(learned / truth - 1.0) if learned is not None and truth else None
     row = {"quantity": quantity, "learned": learned, "truth": truth, "error": error, "encoded": encoded}
-    return row | {"residual": None, "low": None, "high": None}
+    return row | {"residual": None, "low": None, "high": None, "extrapolated": None}
 
 
 def inertia_along(lagrangian: Lagrangian, states: Float64[np.ndarray, "T d"]) -> dict[str, float]:

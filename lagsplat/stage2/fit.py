@@ -230,6 +230,13 @@ def load_parameter_draws(path: Path | str) -> Float64[np.ndarray, "n p"] | None:
     return tensors.get(DRAWS)
 
 
+def measure_rest_distance(lagrangian: Lagrangian, trajectory: EncodedTrajectory) -> float:
+    """Share of the states of a trajectory that are nearer to their mean than the rest state of a law."""
+    mean = trajectory.latents.mean(axis=0)
+    distances = np.linalg.norm(trajectory.latents - mean, axis=1)
+    return float(np.mean(distances < np.linalg.norm(lagrangian.rest.detach().numpy() - mean)))
+
+
 def list_extreme_inputs(inputs: Float64[np.ndarray, "T n_u"]) -> Float[Tensor, "n n_u"]:
     """The mean input and all corners of the inputs; each extreme alone where there are many inputs."""
     mean, ends = inputs.mean(axis=0), np.stack([inputs.min(axis=0), inputs.max(axis=0)], axis=1)
@@ -358,9 +365,7 @@ class DynamicsFit:
             return
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = self.likelihood.draw_laws(chosen)
-        mean, rest_state = trajectory.latents.mean(axis=0), lagrangian.rest.detach().numpy()
-        distances = np.linalg.norm(trajectory.latents - mean, axis=1)
-        report.rest_beyond = float(np.mean(distances < np.linalg.norm(rest_state - mean)))
+        report.rest_beyond = measure_rest_distance(lagrangian, trajectory)
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
 
     def fit_networks(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:

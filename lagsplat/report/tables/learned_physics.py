@@ -19,7 +19,7 @@ from lagsplat.report.common.formatting import (
 from lagsplat.report.common.published_values import RECORDING
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
-TRUTH_CONTEXT = ("low", "high", "encoded", "residual", "recording", "profile", "n_seeds")
+TRUTH_CONTEXT = ("low", "high", "extrapolated", "encoded", "residual", "recording", "profile", "n_seeds")
 
 MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
 LEARNED_MASS = "learned"
@@ -78,6 +78,7 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
                 row: dict[str, Any] = {"system": group.system, "quantity": quantity + changed, **group.place}
                 for name in ("learned", "truth", "error", "low", "high", "encoded", "residual"):
                     row[name] = table_rows.take_median(measured.get(name) for measured in same)
+                row["extrapolated"] = any(measured.get("extrapolated") for measured in same)
                 learned = {measured["learned"] for measured in same} - {None}
                 if len(learned) > 1:
                     row |= {"learned_low": min(learned), "learned_high": max(learned)}
@@ -96,7 +97,8 @@ def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str
         return format_cells(
             escape_latex(str(row["quantity"])),
             table_rows.format_score(row, "learned"),
-            format_known_range(row.get("low"), row.get("high")),
+            format_known_range(row.get("low"), row.get("high"))
+            + (r"\textsuperscript{e}" if row.get("extrapolated") else ""),
             *(table_rows.format_score(row, name) for name in ("truth", "encoded")),
             *(table_rows.format_score(row, name, scale=100.0) for name in ("error", "residual")),
         )
@@ -117,7 +119,9 @@ def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str
             "reads the encoded motion; the linearised law with the eigenvalues of the true equations. Errors "
             "are relative; that of an equilibrium, and the residual of the map by which a latent is read in "
             "true coordinates, are fractions of the motion's rms. Intervals come from blocks of the training "
-            "part, for laws fitted by likelihood; what is in italics the recording does not determine."
+            "part, for laws fitted by likelihood; what is in italics the recording does not determine, and "
+            "what has an e is extrapolated to a rest state that it hardly visits, of which intervals know "
+            "nothing."
         ),
         label="tab:truth",
     )

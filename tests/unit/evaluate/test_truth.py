@@ -118,6 +118,15 @@ def test_without_free_motion_the_law_alone_is_compared(known):
     assert found["frequency of mode 1, linearised law [Hz]"]["error"] == pytest.approx(2 / 1.9 - 1, rel=1e-3)
 
 
+def test_modes_at_a_rest_state_far_from_the_data_are_extrapolated(known):
+    chart, truth = known
+    name = "frequency of mode 1, linearised law [Hz]"
+    assert compared(chart, truth)[name]["extrapolated"] is False
+    rows = compared(replace(chart, latents=chart.latents + 10.0), truth)
+    assert rows[name]["extrapolated"] is True
+    assert rows["equilibrium, a [rad]"]["extrapolated"] is None
+
+
 def test_the_truth_of_another_recording_is_refused(known):
     chart, truth = known
     short = replace(truth, states=truth.states[:-1])

@@ -75,6 +75,15 @@ def test_latex(table):
     assert "Brackets: range over seeds" in text
 
 
+def test_extrapolated_intervals_are_marked():
+    metrics = measured(2.1)
+    metrics["truth"]["rows"][0] |= {"low": 2.0, "high": 2.2, "extrapolated": True}
+    text = format_truth_latex(
+        build_truth_table([names(0, system="pendulum")], [metrics]), titles={"pendulum": "Pendulum"}
+    )
+    assert r"2 to 2.2\textsuperscript{e} &" in text
+
+
 def with_inertia(mse: float, seed: int, dependence: float) -> dict:
     inertia = {"state_dependence": dependence, "span": 1.6, "condition_median": 2.0, "condition_max": 3.0}
     return scored(mse, seed=seed) | {"inertia": inertia}
