@@ -81,14 +81,20 @@ class FitReport:
     under_mean_input: LinearizedModes | None = None
     equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
     rest_beyond: float | None = None  # share of the training states nearer to their mean than its rest state
+    unused_steps: int = 0  # of the one-step objective, which a law of maximum likelihood does not take
     draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
     @property
     def warnings(self) -> list[str]:
-        """What a polynomial law says of itself that its user must know."""
-        if self.equilibria is None:
-            return []
+        """What a law of maximum likelihood says of itself that its user must know."""
         found = []
+        if self.unused_steps:
+            found.append(
+                f"stage2.steps={self.unused_steps} has no effect: with start.source=likelihood no law is "
+                "trained on single steps. Take stage2=paper, or stage2.likelihood.iterations"
+            )
+        if self.equilibria is None:
+            return found
         if self.equilibria != 1:
             found.append(
                 f"the law has {self.equilibria} stable equilibria under an extreme input of the recording: "
@@ -140,6 +146,7 @@ def fit_dynamics(
     fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
     if config.start.source == "likelihood":
+        report.unused_steps = config.steps
         fit.maximize_likelihood(measured or trajectory)
         if config.form.terms == "networks":
             fit.fit_networks(torch.from_numpy(rest), geometry)

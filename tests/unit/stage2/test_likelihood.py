@@ -148,6 +148,7 @@ def test_equilibria_of_a_double_well_are_found_and_said() -> None:
     assert FitReport(equilibria=1, draws=np.zeros((1, 1))).warnings == FitReport().warnings == []
     remote = FitReport(equilibria=1, draws=np.zeros((1, 1)), rest_beyond=0.997)
     assert "farther out than 99.7% of the recorded states" in remote.warnings[0]
+    assert "stage2.steps=20 has no effect" in FitReport(unused_steps=20).warnings[0]
 
 
 @pytest.mark.parametrize(("hardening", "degree"), [(0.0, 2), (0.15, 4)])
