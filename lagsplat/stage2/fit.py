@@ -35,7 +35,8 @@ from lagsplat.stage2.lagrangian import (
     find_equilibria,
     linearize_modes,
 )
-from lagsplat.stage2.likelihood.likelihood_fit import FittedLaw, LikelihoodFit
+from lagsplat.stage2.likelihood.fitted_law import FittedLaw
+from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
 from lagsplat.stage2.likelihood.network_fit import fit_networks, linearize_law, project_law
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error
 from lagsplat.stage2.rollout import (
@@ -363,7 +364,7 @@ class DynamicsFit:
             measure=self.score_law,
             validate=self.validation.measure,
         )
-        start = self.likelihood.choose_start()
+        start = self.likelihood.weak_form.choose_start()
         self.most_likely = chosen = self.likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
         self.lagrangian = lagrangian = chosen.law

@@ -54,7 +54,7 @@ def test_noise_is_what_a_good_law_leaves(motion: EncodedTrajectory) -> None:
         measure=fit.score_law,
         validate=fit.validation.measure,
     )
-    start = likelihood.choose_start()
+    start = likelihood.weak_form.choose_start()
     balanced = likelihood._estimate_residual_noise(start)
     assert start.noise.max() < 0.5 * WIGGLE  # what smoothing removes
     assert balanced.noise[1] == pytest.approx(WIGGLE, rel=0.3)
