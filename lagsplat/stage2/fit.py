@@ -38,6 +38,7 @@ from lagsplat.stage2.lagrangian import (
 from lagsplat.stage2.likelihood.fitted_law import FittedLaw
 from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
 from lagsplat.stage2.likelihood.network_fit import fit_networks, linearize_law, project_law
+from lagsplat.stage2.likelihood.weak_form_fit import WeakFormFit
 from lagsplat.stage2.linear_fit import ConstantFit, evaluate_one_step_error
 from lagsplat.stage2.rollout import (
     ShootingWindows,
@@ -354,17 +355,18 @@ class DynamicsFit:
     def maximize_likelihood(self, measured: EncodedTrajectory) -> None:
         """Find the most likely law of polynomials, and what it says of itself."""
         trajectory, report = self.trajectory, self.report
-        self.likelihood = LikelihoodFit(
+        weak_form = WeakFormFit(
             measured,
             trajectory,
-            self.config,
+            self.config.form,
             time_unit_s=self.time_unit_s,
             period_frames=self.period_frames,
             seed=self.seed,
             measure=self.score_law,
             validate=self.validation.measure,
         )
-        start = self.likelihood.weak_form.choose_start()
+        self.likelihood = LikelihoodFit(weak_form, trajectory, self.config.likelihood)
+        start = weak_form.choose_start()
         self.most_likely = chosen = self.likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
         self.lagrangian = lagrangian = chosen.law

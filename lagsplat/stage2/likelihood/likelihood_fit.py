@@ -10,7 +10,7 @@ mechanism has, but does not help to forecast.
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,8 +18,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.config import Degrees, Stage2Config
-from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.likelihood.fitted_law import (
     FIRST_COUPLING,
     FittedLaw,
@@ -35,11 +34,8 @@ from lagsplat.stage2.likelihood.uncertainty import draw_parameters, leave_out_wi
 from lagsplat.stage2.likelihood.weak_form_fit import LINEAR, WeakFormFit
 from lagsplat.stage2.likelihood.window_likelihood import WindowFit
 from lagsplat.stage2.likelihood.windows import choose_stretches
-from lagsplat.stage2.validation import ForecastErrors
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
-MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
-MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
 FIRST_LEGS = ((0.2, 0.3), (0.2, 0.3), (0.5, 0.3), (1.0, FIRST_COUPLING))
 """Length of the windows, as a share of the final one, and their coupling: they forgive a poor start."""
 FIRST_SHARE = 0.01
@@ -49,7 +45,6 @@ COUPLED_LEGS = ((1.0, FIRST_COUPLING), (1.0, 0.03), (1.0, 0.01), (1.0, 0.003), (
 LEAST_GAIN = 0.5  # of a step [nat]: fits end after smaller ones
 FEWEST_PERIODS = 40  # of the slowest mode, which a part of the frames holds
 INDIFFERENT = 2.0  # a difference of evidence that says nothing [nat]
-MAP_OF_INPUTS = 4  # largest degree of a map into coordinates that answer the inputs linearly
 MEAN_STATE = 1.0  # score of a forecast that is always the mean state of the clip
 
 
@@ -57,51 +52,15 @@ class LikelihoodFit:
     """A fit of polynomial laws to one recording.
 
     Args:
-        measured: the trajectory as encoded.
-        smooth: the same, smoothed, from which windows take their first states.
-        config: of stage 2.
-        time_unit_s: internal unit of time of the laws [s].
-        period_frames: a first guess of the slowest period.
-        seed: of laws, which have no random weights.
-        measure: errors of a law's forecasts, called with the stage, the law, the steps and the misfit.
-        validate: the same errors, of a law that is not reported.
+        weak_form: laws to start from, and the trajectory as encoded.
+        smooth: the trajectory, smoothed, from which windows take their first states.
+        settings: of the likelihood.
     """
 
-    def __init__(
-        self,
-        measured: EncodedTrajectory,
-        smooth: EncodedTrajectory,
-        config: Stage2Config,
-        *,
-        time_unit_s: float,
-        period_frames: int,
-        seed: int,
-        measure: Callable[[str, Lagrangian, int, float], ForecastErrors],
-        validate: Callable[[Lagrangian], ForecastErrors],
-    ) -> None:
-        self.measured, self.smooth = measured, replace(smooth, inputs=measured.inputs)
-        self.settings = config.likelihood
-        self.seed, self.measure, self.period_frames = seed, measure, period_frames
-        # in several coordinates polynomials of high degree are free wherever the recording is thin
-        form, most = config.form, MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
-        degrees = Degrees(
-            most.potential if form.potential_degree is None else form.potential_degree,
-            form.input_degree if measured.inputs.shape[1] else 1,
-            most.coordinates if form.map_degree is None else form.map_degree,
-            most.matrices if form.matrix_degree is None else form.matrix_degree,
-        )
-        self.form = replace(form, terms="polynomial").with_degrees(degrees)
-        self.highest_map = MAP_OF_INPUTS if form.map_degree is None else form.map_degree
-        self.weak_form = WeakFormFit(
-            measured,
-            smooth,
-            self.form,
-            time_unit_s=time_unit_s,
-            period_frames=period_frames,
-            seed=seed,
-            measure=measure,
-            validate=validate,
-        )
+    def __init__(self, weak_form: WeakFormFit, smooth: EncodedTrajectory, settings: LikelihoodConfig) -> None:
+        self.weak_form, self.measured, self.settings = weak_form, weak_form.measured, settings
+        self.smooth = replace(smooth, inputs=self.measured.inputs)
+        self.form, self.seed = weak_form.form, weak_form.seed
 
     def draw_laws(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
         """Draw parameters of laws that the recording allows as well.
@@ -146,7 +105,7 @@ class LikelihoodFit:
 
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
         """The linear law if it forecasts as well, of the latents or where they answer inputs linearly."""
-        linear = self.weak_form.choose_linear_law(highest=self.highest_map)
+        linear = self.weak_form.choose_linear_law()
         if not linear.errors.is_as_good_as(fitted.errors):
             return fitted
         if linear.law.form.degrees == LINEAR and fitted.relevance is not None:
@@ -241,7 +200,7 @@ class LikelihoodFit:
         n = round(share * self.settings.periods * start.period_frames)
         longest = max(stop - begin for begin, stop in segments) - 1
         law = copy.deepcopy(start.law)
-        set_time_scales(law, self.measured, period_frames=self.period_frames)
+        set_time_scales(law, self.measured, period_frames=self.weak_form.period_frames)
         problem, fitted = fit_windows(
             law,
             self.measured,
@@ -263,7 +222,7 @@ class LikelihoodFit:
         if fitted.missed < MEAN_STATE:
             with suppress(np.linalg.LinAlgError):  # a start that nothing determines
                 evidence = problem.measure_evidence(fitted)
-        errors = self.measure("likelihood", law, fitted.steps, fitted.cost)
+        errors = self.weak_form.measure("likelihood", law, fitted.steps, fitted.cost)
         return replace(
             start,
             law=law,

@@ -26,6 +26,9 @@ from lagsplat.stage2.weak_form import fit_weak_form
 # The numbers below were set by hand, with both simulated arms, the rocker and the chair in view.
 BUMP_SHARES = (0.2, 0.4, 0.7)  # half widths of the bumps of the weak form, in periods of the motion
 FOLDS = 4  # parts of the clip that are withheld in turn from the start
+MOST_OF_ONE = Degrees(potential=8, inputs=3, coordinates=4, matrices=2)  # for one coordinate
+MOST_OF_SEVERAL = Degrees(potential=4, inputs=3, coordinates=2, matrices=1)
+MAP_OF_INPUTS = 4  # largest degree of a map into coordinates that answer the inputs linearly
 LINEAR = Degrees(potential=2, inputs=1, coordinates=1, matrices=0)
 
 
@@ -35,7 +38,7 @@ class WeakFormFit:
     Args:
         measured: the trajectory as encoded.
         smooth: the same, smoothed: what is removed is the first guess of the noise.
-        form: of the laws, with the highest degrees.
+        form: of the laws; a degree of None is the highest that is usual.
         time_unit_s: internal unit of time of the laws [s].
         period_frames: a first guess of the slowest period.
         seed: of laws, which have no random weights.
@@ -55,7 +58,16 @@ class WeakFormFit:
         measure: Callable[[str, Lagrangian, int, float], ForecastErrors],
         validate: Callable[[Lagrangian], ForecastErrors],
     ) -> None:
-        self.measured, self.form = measured, form
+        # in several coordinates polynomials of high degree are free wherever the recording is thin
+        most = MOST_OF_ONE if measured.latents.shape[1] == 1 else MOST_OF_SEVERAL
+        degrees = Degrees(
+            most.potential if form.potential_degree is None else form.potential_degree,
+            form.input_degree if measured.inputs.shape[1] else 1,
+            most.coordinates if form.map_degree is None else form.map_degree,
+            most.matrices if form.matrix_degree is None else form.matrix_degree,
+        )
+        self.measured, self.form = measured, replace(form, terms="polynomial").with_degrees(degrees)
+        self.highest_map = MAP_OF_INPUTS if form.map_degree is None else form.map_degree
         self.noise = np.maximum((measured.latents - smooth.latents).std(axis=0), LEAST_NOISE)
         self.time_unit_s, self.period_frames, self.seed = time_unit_s, period_frames, seed
         self.measure, self.validate = measure, validate
@@ -78,13 +90,10 @@ class WeakFormFit:
             start for start, errors in zip(starts, withheld, strict=True) if not errors.is_worse_than(best)
         )
 
-    def choose_linear_law(self, *, highest: int) -> FittedLaw:
-        """The linear law that forecasts best, of the latents or where they answer inputs linearly.
-
-        ``highest`` is the largest degree of the map into coordinates in which they do.
-        """
+    def choose_linear_law(self) -> FittedLaw:
+        """The linear law that forecasts best, of the latents or where they answer inputs linearly."""
         laws = [self._choose_width(LINEAR)]
-        for degree in range(2, highest + 1):
+        for degree in range(2, self.highest_map + 1):
             coordinates = fit_response_map(self.measured, degree=degree)
             if coordinates is not None:
                 laws.append(self._choose_width(LINEAR._replace(coordinates=degree), coordinates))

@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.fit import DynamicsFit
 from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
+from lagsplat.stage2.likelihood.weak_form_fit import WeakFormFit
 from tests.stage2_problems import form
 from tests.unit.stage2.test_fit import config
 
@@ -44,17 +45,18 @@ def test_noise_is_what_a_good_law_leaves(motion: EncodedTrajectory) -> None:
     settings = config(form=POLYNOMIAL)
     smooth = motion.smoothed(1.0)
     fit = DynamicsFit(smooth, np.eye(2), settings, 0, lambda row: None)
-    likelihood = LikelihoodFit(
+    weak_form = WeakFormFit(
         motion,
         smooth,
-        settings,
+        settings.form,
         time_unit_s=fit.time_unit_s,
         period_frames=fit.period_frames,
         seed=0,
         measure=fit.score_law,
         validate=fit.validation.measure,
     )
-    start = likelihood.weak_form.choose_start()
+    likelihood = LikelihoodFit(weak_form, smooth, settings.likelihood)
+    start = weak_form.choose_start()
     balanced = likelihood._estimate_residual_noise(start)
     assert start.noise.max() < 0.5 * WIGGLE  # what smoothing removes
     assert balanced.noise[1] == pytest.approx(WIGGLE, rel=0.3)
