@@ -104,15 +104,18 @@ class LikelihoodFit:
         return chosen
 
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
-        """The linear law if it forecasts as well, of the latents or where they answer inputs linearly."""
+        """The linear law if it forecasts as well, of the latents or where they answer inputs linearly.
+
+        It is fitted by likelihood where its evidence is that of the richer law, and otherwise stays the one
+        of the weak form: a motion whose frequency depends on its amplitude gets out of phase with a linear
+        law, which the likelihood takes for damping.
+        """
         linear = self.weak_form.choose_linear_law()
         if not linear.errors.is_as_good_as(fitted.errors):
             return fitted
         if linear.law.form.degrees == LINEAR and fitted.relevance is not None:
-            # where the recording tells the two apart, the likelihood of a linear law takes for damping what
-            # dephases a motion that is not linear; its weak form does not
-            linear_too = replace(linear, noise=fitted.noise, memory=fitted.memory)
-            likely = self._fit(linear_too, 1.0, fitted.coupling, part=1)
+            comparable = replace(linear, noise=fitted.noise, memory=fitted.memory)
+            likely = self._fit(comparable, 1.0, fitted.coupling, part=1)
             if likely.evidence > fitted.evidence - INDIFFERENT and is_mechanism(likely.law):
                 return likely
         return self._measure_residual_noise(linear)

@@ -1,9 +1,9 @@
 """How well a recording determines a law: intervals of its modes and equilibria.
 
 Residuals are coloured and the law is not exact, so the curvature of the misfit alone would promise too much.
-Blocks of consecutive windows, left out in turn, move the parameters as much as the data make them (a sandwich
-covariance by the jackknife). Of few blocks it is too small as often as too large: in no direction is it taken
-for less than the curvature says.
+Blocks of a recording, left out in turn, show how much the parameters vary (a jackknife, which estimates the
+sandwich covariance). Ten blocks estimate a variance badly: where it comes out smaller than the inverse of the
+curvature, that is taken.
 
 Source: White 1982, DOI 10.2307/1912526 (misspecified likelihoods); Kunsch 1989, DOI 10.1214/aos/1176347265
 (jackknife by blocks).
@@ -33,7 +33,7 @@ DRAWS = 100
 
 
 def leave_out_windows(scores: WindowScores) -> Float64[np.ndarray, "n p"]:
-    """How the parameters move, to first order, where one of `BLOCKS` blocks of windows is left out.
+    """Changes of the parameters, to first order, where one of `BLOCKS` blocks of windows is left out.
 
     Args:
         scores: of the windows at the fitted parameters, from `MultipleShooting.score_windows`.
@@ -59,16 +59,16 @@ def draw_parameters(
     information: Float64[np.ndarray, "p p"] | None = None,
     seed: int,
 ) -> Float64[np.ndarray, "m p"]:
-    """Draw parameters about ``theta``, as widely as blocks of a recording disagree about them.
+    """Draw parameters about ``theta``, as widely as they vary where blocks of a recording are left out.
 
     Deviations are stretched so that normal quantiles of the draws are those of Student's t with as many
     degrees of freedom as there are blocks less one.
 
     Args:
         theta: the fitted parameters.
-        left_out: those without one block each.
-        information: curvature of the posterior at ``theta``, if known. In directions in which the blocks
-            promise more, its deviations count: what a recording does not determine varies as its prior.
+        left_out: the parameters of fits without one of ``n`` blocks each.
+        information: curvature of the posterior at ``theta``, if known. In no direction do the draws vary less
+            than its inverse says, so that what a recording does not determine varies as its prior.
         seed: of the draws.
 
     Raises:

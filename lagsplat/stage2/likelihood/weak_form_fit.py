@@ -100,7 +100,7 @@ class WeakFormFit:
         return min(laws, key=lambda each: each.errors.score)
 
     def leave_out_frames(self, fitted: FittedLaw) -> Float64[np.ndarray, "n p"]:
-        """Parameters of laws as the given one of the weak form, each without one of `BLOCKS` of the frames.
+        """Parameters of a law of the weak form, fitted again without one of `BLOCKS` blocks of frames each.
 
         Raises:
             ValueError: what is left is shorter than a bump.
