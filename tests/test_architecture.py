@@ -24,6 +24,7 @@ PAGES = [
 ]
 ROOMS = (
     "array_types",
+    "normal_equations",
     "setting_checks",
     "provenance",
     "video_quality",

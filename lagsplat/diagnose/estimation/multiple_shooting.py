@@ -1,9 +1,8 @@
 """Multiple shooting: parameters and the windows' initial states by the Levenberg-Marquardt method.
 
 Minimises ``sum |(y - predicted)/sigma|^2 + sum ((x - mean)/deviation)^2`` over parameters ``x`` and the
-initial state of every window. An initial state enters its own window alone, so that all of them are
-eliminated window by window (Schur complement). Derivatives are finite differences of rollouts, all in one
-batch, unless exact ones are given.
+initial state of every window, which is eliminated (`lagsplat.normal_equations`). Derivatives are finite
+differences of rollouts, all in one batch, unless exact ones are given.
 
 Source: Bock, "Recent advances in parameter identification techniques for o.d.e.", 1983; the paper's
 rollouts, eq. (roll).
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import ESTIMATION
+from lagsplat.normal_equations import EliminatedStates, NormalEquations, eliminate_states
 
 PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From parameters (P, k) and initial states (P, W, 2 d) to predictions (P, W, L, d)."""
@@ -105,31 +105,20 @@ def differentiate_predictions(
 
 def eliminate_starts(
     residual: np.ndarray, slopes: np.ndarray, start_slopes: np.ndarray, damping: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
-    """Normal equations of the parameters after elimination of the initial states (Schur complement).
+) -> EliminatedStates:
+    """Normal equations of the parameters after elimination of the initial states.
 
     The first arguments are what `differentiate_predictions` returns; ``damping`` is added to the curvature by
     the initial states, as a share of its diagonal.
-
-    Returns:
-        Curvature (k, k) and gradient (k,) of the parameters, the log determinant of the curvature by the
-        initial states, and the best move of these as a function of that of the parameters: minus its slope
-        (W, s, k) and its constant (W, s).
     """
-    flat = residual.reshape(len(residual), -1)
-    transposed = start_slopes.transpose(0, 2, 1)
-    curvature_starts = transposed @ start_slopes
-    diagonal = np.einsum("waa->wa", curvature_starts)
-    diagonal += damping * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-30)
-    cross = transposed @ slopes
-    start_gradient = (transposed @ flat[..., None])[..., 0]
-    solved = np.linalg.solve(curvature_starts, np.concatenate([cross, start_gradient[..., None]], axis=2))
-    k = slopes.shape[2]
-    all_slopes, all_cross = (x.transpose(2, 0, 1).reshape(k, len(x) * x.shape[1]) for x in (slopes, cross))
-    curvature = all_slopes @ all_slopes.T - all_cross @ solved[..., :-1].reshape(all_cross.shape[1], k)
-    gradient = all_slopes @ flat.reshape(-1) - all_cross @ solved[..., -1].reshape(-1)
-    log_det = float(np.linalg.slogdet(curvature_starts)[1].sum())
-    return curvature, gradient, log_det, solved[..., :-1], solved[..., -1]
+    flat, transposed = residual.reshape(len(residual), -1, 1), start_slopes.mT
+    states = transposed @ start_slopes
+    diagonal = np.einsum("waa->wa", states)
+    diagonal += 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-30)  # a window without samples
+    rows = slopes.reshape(-1, slopes.shape[2])
+    gradients = -(transposed @ flat)[..., 0], -rows.T @ flat.ravel()
+    normal = NormalEquations(states, transposed @ slopes, rows.T @ rows, *gradients)
+    return eliminate_states(normal, damping=damping)
 
 
 def fit_multiple_shooting(
@@ -197,8 +186,9 @@ def fit_multiple_shooting(
             break
     if age:
         residual, slopes, start_slopes = linearize(x, starts)
-    curvature, _, log_det, _, _ = eliminate_starts(residual, slopes, start_slopes)
-    return ShootingFit(x, starts, residual, misfit, penalty, curvature, log_det, done, slopes, start_slopes)
+    left = eliminate_starts(residual, slopes, start_slopes)
+    curvatures = left.curvature, left.log_determinant
+    return ShootingFit(x, starts, residual, misfit, penalty, *curvatures, done, slopes, start_slopes)
 
 
 def _step(
@@ -217,12 +207,12 @@ def _step(
     """
     inverse = 1.0 / prior.deviation**2
     for _ in range(ESTIMATION.max_attempts):
-        curvature, gradient, _, start_slope, start_move = eliminate_starts(*linear, damping)
-        h = curvature + np.diag(inverse + damping * (np.diag(curvature) + inverse))
-        g = gradient - (x - prior.mean) * inverse
+        left = eliminate_starts(*linear, damping)
+        h = left.curvature + np.diag(inverse + damping * (np.diag(left.curvature) + inverse))
+        g = left.right - (x - prior.mean) * inverse
         move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
         new = np.maximum(x + move, prior.lowest)
-        new_starts = starts + start_move - np.einsum("wak,k->wa", start_slope, new - x)
+        new_starts = starts + left.follow(new - x)
         residual = (data.y - predict(new[None], new_starts[None])[0]) * data.weight
         misfit, penalty = float(np.sum(residual**2)), float(compute_penalty(new[None], prior)[0])
         if np.isfinite(misfit) and misfit + penalty < cost:

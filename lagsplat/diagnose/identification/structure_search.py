@@ -104,8 +104,8 @@ class IdentificationProblem:
         """Curvature and gradient of half the misfit by ``moves`` (n, K), initial states eliminated."""
         sensitivity = self.make_sensitivity(model, moves)
         linear = sensitivity.derivatives(np.zeros(len(moves)), starts, self.data)
-        curvature, gradient, *_ = eliminate_starts(*linear)
-        return curvature, gradient
+        left = eliminate_starts(*linear)
+        return left.curvature, left.right
 
     def fit_moves(
         self,

@@ -101,13 +101,12 @@ def _score_gain(
     """Misfit that the best amount of a change removes, and that amount, all other parameters refitted."""
     residual, slopes, start_slopes = linear
     k, amplitudes = slopes.shape[2], candidate.effect.parameters[: candidate.effect.amplitudes]
-    curvature, gradient, *_ = shooting.eliminate_starts(
-        residual, np.concatenate([slopes, change], axis=2), start_slopes
-    )
+    left = shooting.eliminate_starts(residual, np.concatenate([slopes, change], axis=2), start_slopes)
+    gradient = left.right.copy()
     # the penalty counts as well: an effect gains by letting the nuisance parameters return
     gradient[:k] -= (fit.x - prior.mean) / prior.deviation**2
     own = [1.0 / p.prior.deviation**2 for p in amplitudes] or [1.0]
-    h = curvature + np.diag(np.concatenate([1.0 / prior.deviation**2, own]))
+    h = left.curvature + np.diag(np.concatenate([1.0 / prior.deviation**2, own]))
     nuisance_moves = np.linalg.solve(h[:k, :k], np.concatenate([h[:k, k:], gradient[:k, None]], axis=1))
     amount_curvature = h[k:, k:] - h[k:, :k] @ nuisance_moves[:, :-1]
     amount_gradient = gradient[k:] - h[k:, :k] @ nuisance_moves[:, -1]

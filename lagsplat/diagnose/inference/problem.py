@@ -210,7 +210,7 @@ def select_visible_directions(
     linear = shooting.differentiate_predictions(
         problem.predict(()), np.zeros(n), problem.initial_states, problem.data, step
     )
-    curvature, *_ = shooting.eliminate_starts(*linear)
+    curvature = shooting.eliminate_starts(*linear).curvature
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom

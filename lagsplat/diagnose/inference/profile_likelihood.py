@@ -218,10 +218,11 @@ def _unexplained_square(problem: EstimationProblem, change: np.ndarray, other: H
     """What regression of a ``change`` on the ``other`` effect and all nuisance parameters leaves, squared."""
     fit = other.fit
     deviation = make_joint_prior(other.effects, problem.rollout_model).deviation
-    curvature, gradient, _, _, start_moves = shooting.eliminate_starts(change, fit.slopes, fit.start_slopes)
+    left = shooting.eliminate_starts(change, fit.slopes, fit.start_slopes)
+    start_moves = left.follow(np.zeros(len(left.right)))
     # the effect itself has a flat prior, the nuisance parameters keep theirs
     of_effect = np.arange(len(deviation)) < other.n_effect_parameters
-    precision = np.where(of_effect, 1e-9 * np.diag(curvature), 1.0 / deviation**2)
-    move = np.linalg.lstsq(curvature + np.diag(precision), gradient, rcond=1e-12)[0]
-    left = change.reshape(len(change), -1) - np.einsum("wms,ws->wm", fit.start_slopes, start_moves)
-    return max(float(np.sum(left**2)) - float(gradient @ move), 0.0)
+    precision = np.where(of_effect, 1e-9 * np.diag(left.curvature), 1.0 / deviation**2)
+    move = np.linalg.lstsq(left.curvature + np.diag(precision), left.right, rcond=1e-12)[0]
+    rest = change.reshape(len(change), -1) - np.einsum("wms,ws->wm", fit.start_slopes, start_moves)
+    return max(float(np.sum(rest**2)) - float(left.right @ move), 0.0)

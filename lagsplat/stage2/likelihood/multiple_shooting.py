@@ -11,16 +11,17 @@ DOI 10.1137/0111030.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.normal_equations import NormalEquations, eliminate_states, solve_normal
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.guard import Guard
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, States
@@ -38,18 +39,6 @@ MOST_TURN = 0.75  # largest second-order term (the source's)
 MOST_MISSED = 3.0  # times the rms of the motion, from which a fit does not begin
 CHUNK = 8  # windows whose derivatives are made at once
 REGUARDED = 2  # times that a fit is repeated because its map came near a fold
-
-
-@dataclass(frozen=True)
-class NormalEquations:
-    """The system ``[[states, mixed], [mixed^T, law]] x = -gradient``, its states chained by ``link``."""
-
-    states: Float64[np.ndarray, "K s s"]
-    link: Float64[np.ndarray, "K s s"]  # between a state and the next
-    mixed: Float64[np.ndarray, "K s p"]
-    law: Float64[np.ndarray, "p p"]
-    states_gradient: Float64[np.ndarray, "K s"]
-    law_gradient: Float64[np.ndarray, " p"]
 
 
 class MultipleShooting(WindowLikelihood):
@@ -111,14 +100,14 @@ class MultipleShooting(WindowLikelihood):
         self, theta: Float[Tensor, " p"], now: Residuals, normal: NormalEquations
     ) -> tuple[Residuals, NormalEquations, float]:
         """Change the prior as the evidence asks, and what depends on it; the largest logarithm of a ratio."""
-        states, before = eliminate_states(normal, self.windows.linked, damping=0.0), self.prior
+        left, before = eliminate_states(normal), self.prior
         with suppress(np.linalg.LinAlgError):  # a law that nothing determines yet
-            self.prior = before.estimate_relevance(theta.numpy(), states.law)
+            self.prior = before.estimate_relevance(theta.numpy(), left.curvature)
         stiffer = self.prior.precision - before.precision
         changed = replace(
             normal,
-            law=normal.law + np.diag(stiffer),
-            law_gradient=normal.law_gradient + stiffer * (theta.numpy() - self.prior.mean),
+            parameters=normal.parameters + np.diag(stiffer),
+            parameters_gradient=normal.parameters_gradient + stiffer * (theta.numpy() - self.prior.mean),
         )
         ratio = self.prior.relevance / before.relevance
         return self._with_prior(theta, now), changed, float(np.abs(np.log(ratio)).max(initial=0.0))
@@ -127,10 +116,8 @@ class MultipleShooting(WindowLikelihood):
         """Add the absent terms that raise the evidence most to the prior; whether there are any."""
         present = self.prior
         self.prior = present.without_absent()
-        states = eliminate_states(
-            self.assemble(theta, now, self.differentiate(theta, now)), self.windows.linked, damping=0.0
-        )
-        grown = present.add_group(states.law, states.law_right, least_gain=least_gain)
+        left = eliminate_states(self.assemble(theta, now, self.differentiate(theta, now)))
+        grown = present.add_group(left.curvature, left.right, least_gain=least_gain)
         self.prior = grown or present
         return grown is not None
 
@@ -152,29 +139,28 @@ class MultipleShooting(WindowLikelihood):
 
         Source: Transtrum and Sethna 2012, arXiv:1201.5885.
         """
-        linked = self.windows.linked
-        step = solve_normal(normal, linked, damping=damping)
+        step = solve_normal(normal, damping=damping)
         if step is None:
             return None
-        states, law = step[0], torch.zeros_like(theta) if hold_law else step[1]
+        states, law = (torch.from_numpy(part) for part in step)
         if hold_law:
-            return Step(states, law)
+            return Step(states, torch.zeros_like(theta))
         ahead = self.evaluate(theta + PROBE * law, starts + PROBE * states)
         if not np.isfinite(ahead.cost):
             return None
-        position, gap = self._apply(slopes, states.numpy(), law.numpy())
+        position, gap = self._apply(slopes, *step)
         position = 2.0 / PROBE * ((ahead.position - now.position).flatten(1).numpy() / PROBE - position)
         gap = 2.0 / PROBE * ((ahead.gap - now.gap).numpy() / PROBE - gap)
         states_gradient, law_gradient = self._pull_back(slopes, position, gap)
-        bent = replace(normal, states_gradient=states_gradient, law_gradient=law_gradient)
-        second = solve_normal(bent, linked, damping=damping)
+        bent = replace(normal, states_gradient=states_gradient, parameters_gradient=law_gradient)
+        second = solve_normal(bent, damping=damping)
         if second is None:
             return None
-        scale = np.diag(normal.law)
-        length, turn = (float(np.sqrt(scale @ each[1].numpy() ** 2)) for each in (step, second))
+        scale = np.diag(normal.parameters)
+        length, turn = (float(np.sqrt(scale @ each[1] ** 2)) for each in (step, second))
         if turn > MOST_TURN * length:
             return None
-        return Step(states + 0.5 * second[0], law + 0.5 * second[1])
+        return Step(*(torch.from_numpy(a + 0.5 * b) for a, b in zip(step, second, strict=True)))
 
     def _apply(
         self, slopes: "Slopes", states: Float64[np.ndarray, "K s"], law: Float64[np.ndarray, " p"]
@@ -241,7 +227,7 @@ class MultipleShooting(WindowLikelihood):
         if self.guard is not None:
             lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
             law, law_gradient = law + by_law.T @ by_law, law_gradient + by_law.T @ lacking
-        return NormalEquations(states, link, mixed, law, states_gradient, law_gradient)
+        return NormalEquations(states, mixed, law, states_gradient, law_gradient, link)
 
     def measure_evidence(self, fitted: WindowFit) -> float:
         """Logarithm of the evidence of a law [nat].
@@ -257,12 +243,12 @@ class MultipleShooting(WindowLikelihood):
         theta = self.parameters.read()
         now = self.evaluate(theta, fitted.starts)
         normal = self.assemble(theta, now, self.differentiate(theta, now))
-        states = eliminate_states(normal, self.windows.linked, damping=0.0)
+        left = eliminate_states(normal)
         k, n, _ = now.position.shape
         fresh = self.noise.log() + 0.5 * (n - 1) / n * (1.0 - self.memory**2).log()
         log_norm = k * n * float(fresh.sum()) + len(now.gap) * float(self.coupling.log().sum())
-        log_volume = float(np.linalg.slogdet(states.inverse)[1].sum())
-        log_volume += float(np.log(self.prior.precision).sum()) - np.linalg.slogdet(states.law)[1]
+        log_volume = float(np.log(self.prior.precision).sum()) - left.log_determinant
+        log_volume -= np.linalg.slogdet(left.curvature)[1]
         return float(0.5 * log_volume - log_norm - now.cost)
 
     def score_windows(self, fitted: WindowFit) -> "WindowScores":
@@ -275,13 +261,8 @@ class MultipleShooting(WindowLikelihood):
         now = self.evaluate(theta, fitted.starts)
         slopes = self.differentiate(theta, now)
         normal, (by_state, by_law, here, along) = self.assemble(theta, now, slopes), slopes
-        states = eliminate_states(normal, self.windows.linked, damping=0.0)
-        answer = np.empty_like(normal.mixed)  # of each start to the parameters
-        for i in range(len(answer) - 1, -1, -1):
-            answer[i] = states.mixed[i]
-            if self.windows.linked[i]:
-                answer[i] -= normal.link[i] @ answer[i + 1]
-            answer[i] = states.inverse[i] @ answer[i]
+        left = eliminate_states(normal)
+        answer = left.answer()
         residual, gap = now.position.flatten(1).numpy(), now.gap.numpy()
         rows = by_law - by_state @ answer
         scores, each = np.einsum("knp,kn->kp", rows, residual), rows.mT @ rows
@@ -292,8 +273,8 @@ class MultipleShooting(WindowLikelihood):
         # a scale of all energies has no answer: it is held
         scale = self.parameters.scale_direction().numpy()
         scale = scale / np.linalg.norm(scale)
-        held = np.trace(states.law) * np.outer(scale, scale)
-        return WindowScores(scores, each, states.law + held)
+        held = np.trace(left.curvature) * np.outer(scale, scale)
+        return WindowScores(scores, each, left.curvature + held)
 
 
 class Step(NamedTuple):
@@ -318,62 +299,6 @@ class WindowScores(NamedTuple):
     scores: Float64[np.ndarray, "K p"]
     each: Float64[np.ndarray, "K p p"]
     information: Float64[np.ndarray, "p p"]
-
-
-class EliminatedStates(NamedTuple):
-    """Inverse diagonal blocks of the eliminated states, what couples them to the law, and what is left."""
-
-    inverse: Float64[np.ndarray, "K s s"]
-    mixed: Float64[np.ndarray, "K s p"]
-    right: Float64[np.ndarray, "K s"]
-    law: Float64[np.ndarray, "p p"]
-    law_right: Float64[np.ndarray, " p"]
-
-
-def eliminate_states(
-    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
-) -> EliminatedStates:
-    """Eliminate the states in the order of time, as in a block-tridiagonal system.
-
-    Raises:
-        numpy.linalg.LinAlgError: a state is not determined.
-    """
-    k, s = normal.states_gradient.shape
-    diagonal, p = np.arange(s), len(normal.law)
-    states, mixed, right = normal.states.copy(), normal.mixed.copy(), -normal.states_gradient
-    states[:, diagonal, diagonal] *= 1.0 + damping
-    inverse = np.empty_like(states)
-    for i in range(k):
-        if i and linked[i - 1]:
-            back = inverse[i - 1] @ normal.link[i - 1]
-            states[i] -= normal.link[i - 1].T @ back
-            mixed[i] -= back.T @ mixed[i - 1]
-            right[i] -= back.T @ right[i - 1]
-        inverse[i] = np.linalg.inv(states[i])
-    solved = inverse @ mixed
-    law = normal.law + damping * np.diag(np.diag(normal.law))
-    law = law - mixed.reshape(-1, p).T @ solved.reshape(-1, p)
-    law_right = -normal.law_gradient - np.einsum("ksp,ks->p", solved, right)
-    return EliminatedStates(inverse, mixed, right, law, law_right)
-
-
-def solve_normal(
-    normal: NormalEquations, linked: Bool[np.ndarray, " K"], *, damping: float
-) -> tuple[States, Float[Tensor, " p"]] | None:
-    """Solve for the steps of states and parameters, or None where the equations are not positive definite."""
-    try:
-        left = eliminate_states(normal, linked, damping=damping)
-        factor = np.linalg.cholesky(left.law)
-    except np.linalg.LinAlgError:
-        return None
-    theta = np.linalg.solve(factor.T, np.linalg.solve(factor, left.law_right))
-    starts = np.empty_like(normal.states_gradient)
-    for i in range(len(starts) - 1, -1, -1):
-        rest = left.right[i] - left.mixed[i] @ theta
-        if linked[i]:
-            rest = rest - normal.link[i] @ starts[i + 1]
-        starts[i] = left.inverse[i] @ rest
-    return torch.from_numpy(starts), torch.from_numpy(theta)
 
 
 def fit_windows(

@@ -9,9 +9,10 @@ import torch
 from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.normal_equations import solve_normal
 from lagsplat.stage2.likelihood import multiple_shooting
 from lagsplat.stage2.likelihood.guard import MAP_STATES, STATES, Guard
-from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, solve_normal
+from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting
 from lagsplat.stage2.likelihood.parameter_vector import MAP, ParameterVector
 from lagsplat.stage2.likelihood.prior import make_prior
 from lagsplat.stage2.likelihood.windows import choose_stretches, cut_windows
@@ -152,12 +153,12 @@ def test_elimination_gives_the_step_of_the_whole_system() -> None:
             whole[there, here] = normal.link[i].T
         whole[here, k * s :] = normal.mixed[i]
         whole[k * s :, here] = normal.mixed[i].T
-    whole[k * s :, k * s :] = normal.law
-    gradient = np.concatenate([normal.states_gradient.ravel(), normal.law_gradient])
+    whole[k * s :, k * s :] = normal.parameters
+    gradient = np.concatenate([normal.states_gradient.ravel(), normal.parameters_gradient])
     wanted = np.linalg.solve(whole + 1e-3 * np.diag(np.diag(whole)), -gradient)
-    step = solve_normal(normal, shooting.windows.linked, damping=1e-3)
+    step = solve_normal(normal, damping=1e-3)
     assert step is not None
-    found = np.concatenate([step[0].numpy().ravel(), step[1].numpy()])
+    found = np.concatenate([step[0].ravel(), step[1]])
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
 
 
@@ -170,7 +171,8 @@ def test_a_gradient_is_that_of_the_cost() -> None:
         away = torch.zeros_like(theta)
         away[k] = step
         costs = [shooting.evaluate(theta + sign * away, starts).cost for sign in (1, -1)]
-        assert (costs[0] - costs[1]) / (2 * step) == pytest.approx(normal.law_gradient[k], rel=1e-4, abs=1e-4)
+        slope = normal.parameters_gradient[k]
+        assert (costs[0] - costs[1]) / (2 * step) == pytest.approx(slope, rel=1e-4, abs=1e-4)
 
 
 @pytest.mark.parametrize("kick", [0.0, 0.2])
@@ -240,9 +242,9 @@ def test_a_step_bends_with_the_valley(monkeypatch: pytest.MonkeyPatch) -> None:
     for most_turn in (multiple_shooting.MOST_TURN, 0.0):
         monkeypatch.setattr(multiple_shooting, "MOST_TURN", most_turn)
         step = shooting._step(theta, starts, now, slopes, normal, damping=1.0, hold_law=False)
-        plain = solve_normal(normal, shooting.windows.linked, damping=1.0)
+        plain = solve_normal(normal, damping=1.0)
         assert plain is not None
-        chosen = step or plain
-        costs.append(shooting.evaluate(theta + chosen[1], starts + chosen[0]).cost)
+        states, law = step or [torch.from_numpy(part) for part in plain]
+        costs.append(shooting.evaluate(theta + law, starts + states).cost)
     assert step is None  # every bend is refused
     assert costs[0] < costs[1] < now.cost

@@ -76,7 +76,8 @@ def test_eliminating_the_starts_solves_the_dense_equations() -> None:
     rng = np.random.default_rng(0)
     slopes, begun = rng.normal(size=(4, 9, 3)), rng.normal(size=(4, 9, 2))
     residual = rng.normal(size=(4, 9, 1))
-    curvature, gradient, log_det, back, own = eliminate_starts(residual, slopes, begun)
+    left = eliminate_starts(residual, slopes, begun)
+    curvature, log_det = left.curvature, left.log_determinant
     dense = np.zeros((4, 9, 3 + 8))
     dense[..., :3] = slopes
     for w in range(4):
@@ -84,8 +85,8 @@ def test_eliminating_the_starts_solves_the_dense_equations() -> None:
     a = dense.reshape(36, 11)
     gram, pull = a.T @ a, a.T @ residual.ravel()
     step = np.linalg.solve(gram, pull)
-    assert np.linalg.solve(curvature, gradient) == pytest.approx(step[:3], rel=1e-8)
-    assert (own - back @ step[:3]).ravel() == pytest.approx(step[3:], rel=1e-7, abs=1e-9)
+    assert np.linalg.solve(curvature, left.right) == pytest.approx(step[:3], rel=1e-8)
+    assert left.follow(step[:3]).ravel() == pytest.approx(step[3:], rel=1e-7, abs=1e-9)
     assert np.linalg.slogdet(gram)[1] == pytest.approx(np.linalg.slogdet(curvature)[1] + log_det, rel=1e-8)
     schur = gram[:3, :3] - gram[:3, 3:] @ np.linalg.solve(gram[3:, 3:], gram[3:, :3])
     assert curvature == pytest.approx(schur, rel=1e-8)

@@ -99,9 +99,10 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
     beyond = np.linalg.svd(free)[0][:, 6:].T  # an orthonormal basis of what no start explains
 
     def told(deviation: np.ndarray) -> float:
-        curvature, gradient, log_det, back, own_ = eliminate_starts(y, slopes, begun)
-        x = np.linalg.solve(curvature + np.diag(deviation**-2.0), gradient)
-        residual = (y[..., 0] - slopes @ x - np.einsum("wma,wa->wm", begun, own_ - back @ x))[..., None]
+        left = eliminate_starts(y, slopes, begun)
+        curvature, log_det = left.curvature, left.log_determinant
+        x = np.linalg.solve(curvature + np.diag(deviation**-2.0), left.right)
+        residual = (y[..., 0] - slopes @ x - np.einsum("wma,wa->wm", begun, left.follow(x)))[..., None]
         misfit, starts = float((residual**2).sum()), np.zeros((3, 2))
         fit = ShootingFit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
         bench = SimpleNamespace(nuisance=SimpleNamespace(deviation=deviation))
