@@ -89,7 +89,7 @@ def paired_margin(
         raise ValueError("windows differ between the two sides; evaluate both with the same settings")
     ours, theirs = (np.mean([run[block][key] for run in side], axis=0) for side in (first, second))
     groups = group_windows(np.array(runs[0][block]["starts"]), runs[0][block]["states"])
-    low, high = jackknife_interval(lambda mean: mean, theirs - ours, groups=groups)
+    low, high = jackknife_interval(float, theirs - ours, groups=groups)
     value = float((theirs - ours).mean())
     return {
         "score": score,

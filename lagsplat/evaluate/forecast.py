@@ -72,7 +72,7 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
     )
     ahead = windows.error[:, 1:].mean(axis=1)
     groups = protocol.group_windows(starts, states)
-    low, high = jackknife_interval(_same, error, groups=groups, confidence=config.confidence)
+    low, high = jackknife_interval(float, error, groups=groups, confidence=config.confidence)
     stayed = ~windows.gone[:, states - 1]
     return {
         "horizon_s": states * held.dt_s,
@@ -83,7 +83,7 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
         "low": low,
         "high": high,
         "mse_ahead": float(ahead.mean()),
-        "ahead_interval": jackknife_interval(_same, ahead, groups=groups, confidence=config.confidence),
+        "ahead_interval": jackknife_interval(float, ahead, groups=groups, confidence=config.confidence),
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),
@@ -149,10 +149,6 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
         "per_window_image": image.tolist(),
         "per_window_floor": floor.tolist(),
     }
-
-
-def _same(mean: float) -> float:
-    return mean
 
 
 def state_spread(held: HeldOut) -> float:

@@ -78,7 +78,8 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
                 row: dict[str, Any] = {"system": group.system, "quantity": quantity + changed, **group.place}
                 for name in ("learned", "truth", "error", "low", "high", "encoded", "residual"):
                     row[name] = table_rows.take_median(measured.get(name) for measured in same)
-                row["extrapolated"] = any(measured.get("extrapolated") for measured in same)
+                told = {measured.get("extrapolated") for measured in same} - {None}
+                row["extrapolated"] = any(told) if told else None
                 learned = {measured["learned"] for measured in same} - {None}
                 if len(learned) > 1:
                     row |= {"learned_low": min(learned), "learned_high": max(learned)}

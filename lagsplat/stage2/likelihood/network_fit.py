@@ -175,6 +175,7 @@ def fit_networks(
     """
     fitted_law, fitted = solved
     vector, d, coordinates = NetworkVector(networks), law.d, law.coordinates
+    first = vector.read()
     assert coordinates is not None
     with torch.no_grad():
         starts = torch.cat(coordinates.pull(*fitted.starts.split(d, 1)), 1)
@@ -185,9 +186,9 @@ def fit_networks(
         noise=fitted_law.noise.numpy(),
         memory=fitted_law.memory.numpy(),
         coupling=(fitted_law.coupling * spread.nan_to_num(nan=1.0)).numpy(),
-        prior=Prior(vector.read().numpy(), np.ones(len(vector.read())), [], np.zeros(0)),
+        prior=Prior(first.numpy(), np.ones(len(first)), [], np.zeros(0)),
     )
-    free, first = starts.clone().requires_grad_(), vector.read()
+    free = starts.clone().requires_grad_()
 
     def measure() -> Tensor:
         now = problem.evaluate(vector.read(), free)

@@ -109,16 +109,18 @@ def measure_intervals(
 ) -> Float64[np.ndarray, "m 2 2"]:
     """Ends [Hz, 1/s] of the intervals of frequency and decay of each mode, from `draw_modes`; empty for none.
 
-    They are those of logarithms, by the delta method.
+    They are those of logarithms, by the delta method, and as far below a value as above. What more than one
+    drawn law in ten lacks is unknown. NaN for a frequency or decay of zero.
     """
     if not drawn:
         return np.zeros((0, 2, 2))
     ours = np.stack([modes.frequency_hz, modes.decay_per_s], axis=1)
     pairs = np.stack([match_modes(modes, other) for other in drawn])
     with np.errstate(all="ignore"):
-        moved = np.log(pairs / ours) / STEP
-        spread = np.nanquantile(np.where(np.isfinite(moved), moved, np.nan), TAILS, axis=0)
-        return np.moveaxis(ours * np.exp(np.clip(spread, -LARGEST_LOG, LARGEST_LOG)), 0, 2)
+        moved = np.nan_to_num(np.abs(np.log(pairs / ours)) / STEP, nan=np.inf)
+        half = np.quantile(moved, COVERAGE, axis=0, method="higher").clip(max=LARGEST_LOG)
+        known = np.where(ours > 0.0, ours, np.nan)
+        return np.stack([known * np.exp(-half), known * np.exp(half)], axis=2)
 
 
 def match_modes(modes: LinearizedModes, other: LinearizedModes) -> Float64[np.ndarray, "m 2"]:

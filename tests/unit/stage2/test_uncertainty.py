@@ -65,3 +65,17 @@ def test_modes_are_matched_by_their_eigenvalues_and_a_missing_one_has_no_decay()
     assert alone[0, 0] == 0.0
     assert np.isnan(alone[0, 1])
     np.testing.assert_allclose(alone[1], [4.0, 1.0])
+
+
+def test_an_interval_holds_its_own_value_and_a_mode_that_draws_lack_is_unknown() -> None:
+    modes = LinearizedModes([0.0, 0.0], [5.0, 2.0], [1.0, 0.0])
+    softer = LinearizedModes([0.0, 0.0], [4.99, 2.0], [1.0, 0.0])
+    (frequency, decay), (unmoved, none) = measure_intervals(modes, [softer] * 20)
+    assert frequency[0] < 5.0 < frequency[1]
+    np.testing.assert_allclose(decay, [1.0, 1.0])
+    np.testing.assert_allclose(unmoved, [2.0, 2.0])
+    assert np.isnan(none).all()
+    gone = LinearizedModes([0.0], [2.0], [0.0])
+    (frequency, decay), _ = measure_intervals(modes, [softer] * 15 + [gone] * 5)
+    assert frequency[1] > 1000 * 5.0 > 5.0 > 1000 * frequency[0]
+    assert decay[1] > 1000.0

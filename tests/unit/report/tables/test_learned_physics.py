@@ -78,9 +78,9 @@ def test_latex(table):
 def test_extrapolated_intervals_are_marked():
     metrics = measured(2.1)
     metrics["truth"]["rows"][0] |= {"low": 2.0, "high": 2.2, "extrapolated": True}
-    text = format_truth_latex(
-        build_truth_table([names(0, system="pendulum")], [metrics]), titles={"pendulum": "Pendulum"}
-    )
+    table = build_truth_table([names(0, system="pendulum")], [metrics])
+    assert table["extrapolated"].tolist()[:2] == [True, None]
+    text = format_truth_latex(table, titles={"pendulum": "Pendulum"})
     assert r"2 to 2.2\textsuperscript{e} &" in text
 
 
