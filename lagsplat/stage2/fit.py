@@ -299,7 +299,16 @@ class BestCheckpoint:
             self.rejected += 1
 
     def restore(self, lagrangian: Lagrangian) -> None:
-        """Put the best parameters back."""
+        """Put the best parameters back.
+
+        Raises:
+            ValueError: no candidate had a finite score.
+        """
+        if not self.state:
+            raise ValueError(
+                "every law that was tried leaves the finite numbers on the training clip: take another "
+                "stage2.form.mass, or look at latent.png for jumps of the chart"
+            )
         lagrangian.load_state_dict(self.state)
 
 
@@ -379,7 +388,11 @@ class DynamicsFit:
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
 
     def fit_networks(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
-        """Let networks take over the most likely law, and maximise their likelihood."""
+        """Let networks take over the most likely law, and maximise their likelihood.
+
+        Each stage begins with the best law so far: with an induced mass, networks that learn the
+        accelerations of a law of another mass may forecast worse than its constant matrices.
+        """
         config, law, form = self.config, self.lagrangian, self.config.form
         near = linearize_law(law, self.trajectory.inputs)
         if form.rest == "fixed":
@@ -399,9 +412,11 @@ class DynamicsFit:
             law.longest_step,
         )
         iterations = config.likelihood.network_iterations
+        self.score_candidate("linearized", 0, float("nan"))
         missed = project_law(law, self.lagrangian, self.trajectory, iterations=iterations, seed=self.seed)
         self.score_candidate("projection", iterations, missed)
         self.report.scores["projection"] = self.best.score
+        self.best.restore(self.lagrangian)
         solved = self.likelihood.solve_windows(self.most_likely)
         fitted = fit_networks(self.lagrangian, law, solved, iterations=iterations)
         self.score_candidate("networks", iterations, fitted.cost)
