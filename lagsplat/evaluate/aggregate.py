@@ -110,6 +110,7 @@ def jackknife_interval(
     *per_window: Float64[np.ndarray, " B"],
     groups: Int64[np.ndarray, " B"],
     confidence: float = 0.95,
+    positive: bool = False,
 ) -> list[float | None]:
     """Interval of a statistic of means over windows, from the means without each group of windows.
 
@@ -118,6 +119,7 @@ def jackknife_interval(
         per_window: One value a window; windows overlap within a group, and hardly between groups.
         groups: Of each window, from `group_windows`.
         confidence: With which the interval holds, by Student's t with a degree fewer than groups.
+        positive: Take the interval of the logarithm, which is nearer to normal for a size or a ratio.
 
     Returns:
         Lower and upper end, None for fewer than three groups.
@@ -131,7 +133,13 @@ def jackknife_interval(
     without = np.array(
         [statistic(*(values[groups != number].mean() for values in per_window)) for number in numbers]
     )
+    on_logarithm = positive and middle > 0.0 and bool((without > 0.0).all())
+    if on_logarithm:
+        without = np.log(without)
     degrees = len(numbers) - 1
     error = np.sqrt(degrees / len(numbers) * np.sum((without - without.mean()) ** 2))
     half = float(t.ppf(0.5 + 0.5 * confidence, degrees) * error)
+    if on_logarithm:
+        with np.errstate(over="ignore"):
+            return [middle * float(np.exp(-half)), middle * float(np.exp(half))]
     return [middle - half, middle + half]

@@ -1,7 +1,7 @@
 """Errors of forecasts in images and states, and the autoencoder floor."""
 
 import math
-from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,7 +72,8 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
     )
     ahead = windows.error[:, 1:].mean(axis=1)
     groups = protocol.group_windows(starts, states)
-    low, high = jackknife_interval(float, error, groups=groups, confidence=config.confidence)
+    interval = partial(jackknife_interval, groups=groups, confidence=config.confidence, positive=True)
+    low, high = interval(float, error)
     stayed = ~windows.gone[:, states - 1]
     return {
         "horizon_s": states * held.dt_s,
@@ -83,7 +84,7 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
         "low": low,
         "high": high,
         "mse_ahead": float(ahead.mean()),
-        "ahead_interval": jackknife_interval(float, ahead, groups=groups, confidence=config.confidence),
+        "ahead_interval": interval(float, ahead),
         "diverged": int((~stayed).sum()),
         "mse_staying": float(error[stayed].mean()) if stayed.any() else None,
         "hold": float(hold.mean()),
@@ -125,9 +126,7 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     def nrmse(mean: float) -> float:
         return math.sqrt(mean / scale)
 
-    def interval(statistic: Callable[..., float], *values: np.ndarray) -> list[float | None]:
-        return jackknife_interval(statistic, *values, groups=groups, confidence=config.confidence)
-
+    interval = partial(jackknife_interval, groups=groups, confidence=config.confidence, positive=True)
     return {
         "period_s": float(period_s),
         "horizon_s": states * held.dt_s,

@@ -111,6 +111,21 @@ def test_the_interval_of_a_mean_of_single_windows_is_students():
     assert [low, high] == pytest.approx(list(wanted))
 
 
+def test_the_interval_of_an_error_is_as_wide_either_way_in_its_logarithm():
+    """One bad window in five would send a symmetric interval below zero."""
+    values = np.array([0.1, 0.1, 0.1, 0.1, 2.0])
+    low, high = jackknife_interval(float, values, groups=np.arange(5), positive=True)
+    assert 0.0 < low < values.mean() < high
+    assert low * high == pytest.approx(values.mean() ** 2)
+    assert jackknife_interval(float, values, groups=np.arange(5))[0] < 0.0
+    narrow = np.random.default_rng(0).normal(3.0, 0.01, size=40)
+    plain, of_logarithm = (
+        jackknife_interval(float, narrow, groups=np.arange(40), positive=each) for each in (False, True)
+    )
+    assert of_logarithm == pytest.approx(plain, rel=1e-4)
+    assert jackknife_interval(float, np.zeros(5), groups=np.arange(5), positive=True) == [0.0, 0.0]
+
+
 def test_overlapping_windows_do_not_narrow_an_interval():
     few = np.random.default_rng(0).normal(3.0, 1.0, size=4)
     repeated, groups = np.repeat(few, 12), np.repeat(np.arange(4), 12)
