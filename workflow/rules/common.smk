@@ -144,7 +144,8 @@ def baseline_names(system):
 def shown_as(system):
     """What a figure of all models is of."""
     run = planned(system=system)[0]
-    return "{recording} recording of {system} · profile {profile}".format(**run)
+    title = section("system.title")(run)
+    return f"{title} · {run['recording']} recording · profile {run['profile']}"
 
 
 def before_figures(system):
