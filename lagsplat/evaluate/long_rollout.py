@@ -210,8 +210,9 @@ def choose_inset(
 ) -> Inset:
     """Choose the window where the two renders differ most, less the autoencoder's own error there.
 
-    ``reconstruction_error`` is the mean absolute error of the render at the encoded state, at the recorded
-    resolution. Both are averaged by the same Gaussian before they are subtracted.
+    Where they nowhere differ by more than that error, the error is not subtracted: it would choose the
+    background. ``reconstruction_error`` is the mean absolute error of the render at the encoded state, at
+    the recorded resolution. Both are averaged by the same Gaussian before they are subtracted.
 
     Source: paper, Reading the rollout figures.
     """
@@ -219,9 +220,10 @@ def choose_inset(
     side = max(round(INSET_SHARE * min(height, width)), 8)
     moved = np.abs(at_predicted - at_encoded).mean(axis=2)
     error = resize(reconstruction_error, (height, width), order=1, mode="edge", anti_aliasing=False)
-    excess = gaussian_filter(moved - error, side / 4)
     half = side // 2
-    inner = excess[half : height - side + half + 1, half : width - side + half + 1]
+    inside = (slice(half, height - side + half + 1), slice(half, width - side + half + 1))
+    excess, whole = (gaussian_filter(each, side / 4)[inside] for each in (moved - error, moved))
+    inner = excess if excess.max() > 0.0 else whole
     row, column = np.unravel_index(int(np.argmax(inner)), inner.shape)
     window = (slice(row, row + side), slice(column, column + side))
     shift = estimate_shift(at_encoded[window].mean(axis=2), at_predicted[window].mean(axis=2))

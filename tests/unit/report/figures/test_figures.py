@@ -225,3 +225,14 @@ def test_inset_leaves_out_what_the_image_model_gets_wrong():
     window = (slice(inset.row, inset.row + inset.side), slice(inset.column, inset.column + inset.side))
     moved = np.abs(predicted - encoded)[window].mean()
     assert choose_inset(encoded, predicted, wrong + 0.01).ratio == pytest.approx(moved / 0.01)
+
+
+def test_inset_of_a_good_forecast_is_on_the_object():
+    """The renders differ by less than the image model errs, which is least on the background."""
+    encoded = np.zeros((64, 64, 3))
+    encoded[44:56, 40:48] = 1.0
+    predicted = encoded + 0.01 * (np.roll(encoded, 3, axis=1) - encoded)
+    wrong = 0.02 + 0.1 * encoded.mean(axis=2)
+    inset = choose_inset(encoded, predicted, wrong)
+    assert 44 <= inset.row + inset.side / 2 <= 56
+    assert 36 <= inset.column + inset.side / 2 <= 56
