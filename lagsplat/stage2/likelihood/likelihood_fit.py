@@ -28,7 +28,7 @@ from lagsplat.stage2.likelihood.fitted_law import (
     set_time_scales,
 )
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, fit_windows
-from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from lagsplat.stage2.likelihood.parameter_vector import FRAME, ParameterVector
 from lagsplat.stage2.likelihood.prior import ABSENT
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters, leave_out_windows
 from lagsplat.stage2.likelihood.weak_form_fit import LINEAR, WeakFormFit
@@ -121,10 +121,16 @@ class LikelihoodFit:
         return self._measure_residual_noise(linear)
 
     def _climb(self, start: FittedLaw) -> FittedLaw:
-        """Fit a start with all terms, whose priors the evidence tells."""
+        """Fit a start with all terms, whose priors the evidence tells.
+
+        The frame of mass and damping is absent until the evidence asks for it. It bends the coordinates much
+        as the map does, and a motion of nearly one amplitude does not tell how far each does; from both,
+        the frequency would depend on the amplitude in a way that nothing determines.
+        """
         loose, safe = self._estimate_noise(start)
         full = change_degrees(loose.law, self.form.degrees, seed=self.seed)
-        relevance = np.ones(len(ParameterVector(full).list_groups()))
+        groups = ParameterVector(full).list_groups()
+        relevance = np.array([ABSENT if name == FRAME else 1.0 for name in groups])
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
             return safe
