@@ -1,11 +1,11 @@
 """Fits a law of polynomial terms: weak form, then maximum likelihood with priors that the evidence sets.
 
 The start has the degrees with which the weak form forecasts parts of the clip best that were withheld from
-it. Then all terms are fitted together: a map into the coordinates of the law, since an encoder that bends the
-coordinates bends every term of the law alike; the energies; and the frame of mass and damping. How large each
-may be is set by the evidence, see `lagsplat.stage2.likelihood.prior`. Where a linear law forecasts as well as
-the result, it is kept: what a chart gets wrong repeats itself and counts as evidence for terms that no
-mechanism has, but does not help to forecast.
+it. Then come a map into the coordinates of the law, since an encoder that bends the coordinates bends every
+term of the law alike, the energies, and the frame of mass and damping. Which of them there are, and how large
+each may be, is set by the evidence, see `lagsplat.stage2.likelihood.prior`. Where a linear law forecasts as
+well as the result, it is kept: what a chart gets wrong repeats itself and counts as evidence for terms that
+no mechanism has, but does not help to forecast.
 """
 
 import copy
@@ -28,7 +28,7 @@ from lagsplat.stage2.likelihood.fitted_law import (
     set_time_scales,
 )
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting, fit_windows
-from lagsplat.stage2.likelihood.parameter_vector import FRAME, ParameterVector
+from lagsplat.stage2.likelihood.parameter_vector import FRAME, POTENTIAL, ParameterVector
 from lagsplat.stage2.likelihood.prior import ABSENT
 from lagsplat.stage2.likelihood.uncertainty import draw_parameters, leave_out_windows
 from lagsplat.stage2.likelihood.weak_form_fit import LINEAR, WeakFormFit
@@ -123,14 +123,14 @@ class LikelihoodFit:
     def _climb(self, start: FittedLaw) -> FittedLaw:
         """Fit a start with all terms, whose priors the evidence tells.
 
-        The frame of mass and damping is absent until the evidence asks for it. It bends the coordinates much
-        as the map does, and a motion of nearly one amplitude does not tell how far each does; from both,
-        the frequency would depend on the amplitude in a way that nothing determines.
+        Springs that are not linear, and the frame of mass and damping, are absent until the evidence asks for
+        them. They give a motion its harmonics, as the map does. A motion of nearly one amplitude does not
+        tell them apart, and with them the frequency depends on the amplitude.
         """
         loose, safe = self._estimate_noise(start)
         full = change_degrees(loose.law, self.form.degrees, seed=self.seed)
         groups = ParameterVector(full).list_groups()
-        relevance = np.array([ABSENT if name == FRAME else 1.0 for name in groups])
+        relevance = np.array([ABSENT if name in (FRAME, POTENTIAL) else 1.0 for name in groups])
         now = self._tighten(replace(loose, law=full, relevance=relevance), COUPLED_LEGS, part=2)
         if now.law is full:
             return safe
