@@ -32,7 +32,7 @@ class EliminatedStates:
 
     curvature: Float64[np.ndarray, "p p"]
     right: Float64[np.ndarray, " p"]  # the parameters' right-hand side
-    inverse: Float64[np.ndarray, "K s s"]  # of the diagonal blocks, the states before eliminated
+    states: Float64[np.ndarray, "K s s"]  # the diagonal blocks, the states before eliminated
     mixed: Float64[np.ndarray, "K s p"]
     states_right: Float64[np.ndarray, "K s"]
     link: Float64[np.ndarray, "K s s"] | None
@@ -40,7 +40,7 @@ class EliminatedStates:
     @property
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the curvature by all states."""
-        return -float(np.linalg.slogdet(self.inverse)[1].sum())
+        return float(np.linalg.slogdet(self.states)[1].sum())
 
     def answer(self) -> Float64[np.ndarray, "K s p"]:
         """How far the best states move back when a parameter grows by one."""
@@ -52,11 +52,11 @@ class EliminatedStates:
 
     def _substitute_back(self, right: Float64[np.ndarray, "K s m"]) -> Float64[np.ndarray, "K s m"]:
         if self.link is None:
-            return self.inverse @ right
+            return np.linalg.solve(self.states, right)
         found = np.empty_like(right)
         following = np.zeros_like(right[0])
         for i in range(len(right) - 1, -1, -1):
-            found[i] = following = self.inverse[i] @ (right[i] - self.link[i] @ following)
+            found[i] = following = np.linalg.solve(self.states[i], right[i] - self.link[i] @ following)
         return found
 
 
@@ -69,22 +69,18 @@ def eliminate_states(normal: NormalEquations, *, damping: float = 0.0) -> Elimin
     states, mixed, right = normal.states.copy(), normal.mixed, -normal.states_gradient
     diagonal = np.arange(states.shape[1])
     states[:, diagonal, diagonal] *= 1.0 + damping
-    if normal.link is None:
-        inverse = np.linalg.inv(states)
-    else:
-        inverse, mixed = np.empty_like(states), mixed.copy()
-        for i in range(len(states)):
-            if i:
-                back = inverse[i - 1] @ normal.link[i - 1]
-                states[i] -= normal.link[i - 1].T @ back
-                mixed[i] -= back.T @ mixed[i - 1]
-                right[i] -= back.T @ right[i - 1]
-            inverse[i] = np.linalg.inv(states[i])
-    p = len(normal.parameters)
-    solved = (inverse @ mixed).reshape(-1, p)
-    curvature = normal.parameters - mixed.reshape(-1, p).T @ solved
+    if normal.link is not None:
+        mixed = mixed.copy()
+        for i in range(1, len(states)):
+            back = np.linalg.solve(states[i - 1], normal.link[i - 1])
+            states[i] -= normal.link[i - 1].T @ back
+            mixed[i] -= back.T @ mixed[i - 1]
+            right[i] -= back.T @ right[i - 1]
+    rows = (right.size, len(normal.parameters))
+    solved = np.linalg.solve(states, mixed).reshape(rows)
+    curvature = normal.parameters - mixed.reshape(rows).T @ solved
     left = -normal.parameters_gradient - solved.T @ right.ravel()
-    return EliminatedStates(curvature, left, inverse, mixed, right, normal.link)
+    return EliminatedStates(curvature, left, states, mixed, right, normal.link)
 
 
 def solve_normal(

@@ -115,7 +115,7 @@ def eliminate_starts(
     states = transposed @ start_slopes
     diagonal = np.einsum("waa->wa", states)
     diagonal += 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-30)  # a window without samples
-    rows = slopes.reshape(-1, slopes.shape[2])
+    rows = slopes.reshape(residual.size, slopes.shape[2])  # of no parameters, too
     gradients = -(transposed @ flat)[..., 0], -rows.T @ flat.ravel()
     normal = NormalEquations(states, transposed @ slopes, rows.T @ rows, *gradients)
     return eliminate_states(normal, damping=damping)

@@ -90,6 +90,9 @@ def test_eliminating_the_starts_solves_the_dense_equations() -> None:
     assert np.linalg.slogdet(gram)[1] == pytest.approx(np.linalg.slogdet(curvature)[1] + log_det, rel=1e-8)
     schur = gram[:3, :3] - gram[:3, 3:] @ np.linalg.solve(gram[3:, 3:], gram[3:, :3])
     assert curvature == pytest.approx(schur, rel=1e-8)
+    alone = eliminate_starts(residual, slopes[..., :0], begun)
+    assert alone.curvature.shape == (0, 0)
+    assert alone.follow(np.zeros(0)) == pytest.approx(left.follow(np.zeros(3)))
 
 
 def test_slopes_are_those_of_central_differences() -> None:
