@@ -75,8 +75,11 @@ class ForecastErrors:
     def is_as_good_as(self, other: "ForecastErrors") -> bool:
         """Whether these errors are at most a tenth larger, and are so, too, where small motions count alike.
 
-        The second is the geometric mean: the score is that of the largest motions.
+        The second is the geometric mean: the score is that of the largest motions. With a smaller score they
+        are as good in any case: then rollouts of the other law go astray.
         """
+        if self.score < other.score:
+            return True
         typical = np.exp(0.5 * np.mean(np.log(self.each + 1e-300) - np.log(other.each + 1e-300)))
         return self.score <= INDIFFERENT_RATIO * other.score and bool(typical <= INDIFFERENT_RATIO)
 

@@ -106,14 +106,12 @@ class LikelihoodFit:
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
         """The linear law if it forecasts as well, of the latents or where they answer inputs linearly.
 
-        It is kept as well where the richer law has the larger score: then some of its rollouts go astray.
         It is fitted by likelihood where its evidence is that of the richer law, and otherwise stays the one
         of the weak form: a motion whose frequency depends on its amplitude gets out of phase with a linear
         law, which the likelihood takes for damping.
         """
         linear = self.weak_form.choose_linear_law()
-        astray = fitted.errors.score > linear.errors.score
-        if not (astray or linear.errors.is_as_good_as(fitted.errors)):
+        if not linear.errors.is_as_good_as(fitted.errors):
             return fitted
         if linear.law.form.degrees == LINEAR and fitted.relevance is not None:
             comparable = replace(linear, noise=fitted.noise, memory=fitted.memory)

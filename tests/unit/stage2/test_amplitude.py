@@ -18,11 +18,8 @@ def record(seed: int) -> EncodedTrajectory:
     """Four swings of a linear oscillator in a randomly bent coordinate, with coloured noise of 1 %."""
     rng = np.random.default_rng(seed)
     time_s = DT_S * np.arange(N)
-    x = (
-        1.41
-        * np.exp(-DECAY_PER_S * time_s)
-        * np.sin(2 * np.pi * FREQUENCY_HZ * time_s + rng.uniform(0, 6.28))
-    )
+    phase = 2 * np.pi * FREQUENCY_HZ * time_s + rng.uniform(0, 6.28)
+    x = 1.41 * np.exp(-DECAY_PER_S * time_s) * np.sin(phase)
     z = x + rng.uniform(-0.15, 0.15) * x**2 + rng.uniform(-0.06, 0.06) * x**3
     noise = lfilter([1.0], [1.0, -0.7], np.sqrt(1.0 - 0.49) * rng.standard_normal(N))
     z = (z - z.mean()) / z.std() + 0.01 * noise
