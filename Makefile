@@ -9,6 +9,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 # A waiting thread sleeps: one that spins takes the core from whoever it waits for.
 export OMP_WAIT_POLICY ?= PASSIVE
+# Python compiles a module at its first import and keeps the result, whatever the machine's setting: pip would compile
+# every module it installs, most of which nothing here imports.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: krauss physical view test campaigns scenarios lint types workflow docs
 .DEFAULT_GOAL := krauss
@@ -57,6 +60,6 @@ workflow: .venv/.installed
 # torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
 .venv/.installed: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet "$$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)"
-	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	$(BIN)/python -m pip install --quiet --no-compile "$$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)"
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[test]"
 	touch $@
