@@ -24,6 +24,7 @@ from torch import Tensor
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
 from lagsplat.stage2 import objective
+from lagsplat.stage2.amplitude import measure_quietest_frequency
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
@@ -52,6 +53,9 @@ SCHEMA = 3
 RARE_REST = 0.99
 """Share of the recorded states nearer to their mean than the rest state, from which its modes are guesses;
 set by hand."""
+AMPLITUDE_SHIFT = 0.02
+"""Relative change of the frequency from the smallest recorded amplitude to rest that is worth a warning; set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ class FitReport:
     under_mean_input: LinearizedModes | None = None
     equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
     rest_beyond: float | None = None  # share of the training states nearer to their mean than its rest state
+    quietest_hz: float | None = None  # frequency of the law at the smallest amplitude of a free recording
     unused_steps: int = 0  # of the one-step objective, which a law of maximum likelihood does not take
     draws: Float64[np.ndarray, "n p"] | None = None  # parameters of laws that the recording allows as well
 
@@ -109,6 +114,14 @@ class FitReport:
                 "there are extrapolated, and their intervals do not know by how much. Record motion about "
                 "rest, or read the modes under the mean input"
             )
+        if self.quietest_hz is not None and self.at_rest is not None:
+            at_rest = self.at_rest.frequency_hz[0]
+            if abs(at_rest / self.quietest_hz - 1.0) > AMPLITUDE_SHIFT:
+                found.append(
+                    f"the law oscillates at {self.quietest_hz:.3g} Hz at the smallest amplitude of the "
+                    f"recording and at {at_rest:.3g} Hz at rest, where it is extrapolated, and its interval "
+                    "does not know by how much. Record the motion until it has died down"
+                )
         if self.draws is None:
             found.append(
                 "the law has no intervals: the recording is too short to be divided, or leaves a parameter "
@@ -385,6 +398,9 @@ class DynamicsFit:
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = self.likelihood.draw_laws(chosen)
         report.rest_beyond = measure_rest_distance(lagrangian, trajectory)
+        report.quietest_hz = measure_quietest_frequency(
+            lagrangian, trajectory, period_frames=chosen.period_frames
+        )
         report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
 
     def fit_networks(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import LikelihoodConfig
 from lagsplat.stage2.fit import FitReport, fit_dynamics, load_dynamics, save_dynamics
-from lagsplat.stage2.lagrangian import find_equilibria, linearize_modes
+from lagsplat.stage2.lagrangian import LinearizedModes, find_equilibria, linearize_modes
 from lagsplat.stage2.likelihood import likelihood_fit
 from lagsplat.stage2.rollout import interpolate_inputs, rollout
 from lagsplat.stage2.weak_form import fit_weak_form
@@ -148,6 +148,11 @@ def test_equilibria_of_a_double_well_are_found_and_said() -> None:
     assert FitReport(equilibria=1, draws=np.zeros((1, 1))).warnings == FitReport().warnings == []
     remote = FitReport(equilibria=1, draws=np.zeros((1, 1)), rest_beyond=0.997)
     assert "farther out than 99.7% of the recorded states" in remote.warnings[0]
+    quiet = FitReport(equilibria=1, draws=np.zeros((1, 1)), quietest_hz=0.63)
+    quiet.at_rest = LinearizedModes([0.0], [0.49], [0.1])
+    assert "0.63 Hz at the smallest amplitude" in quiet.warnings[0]
+    quiet.at_rest = LinearizedModes([0.0], [0.627], [0.1])
+    assert not quiet.warnings
     assert "stage2.steps=20 has no effect" in FitReport(unused_steps=20).warnings[0]
 
 
