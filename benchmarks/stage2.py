@@ -12,11 +12,11 @@ import torch
 from torch import Tensor
 
 from lagsplat.config.compose import compose
+from lagsplat.monomials import make_wide_ball
 from lagsplat.stage2.config import Degrees, FormConfig
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.objective import one_step_error
-from lagsplat.stage2.polynomials import make_wide_ball
 from lagsplat.stage2.rollout import ShootingWindows, rollout, rollout_in_torch
 
 D, N_INPUTS, BATCH, STEPS = 4, 4, 32, 47_000

@@ -25,6 +25,7 @@ PAGES = [
 ROOMS = (
     "array_types",
     "normal_equations",
+    "monomials",
     "setting_checks",
     "provenance",
     "video_quality",

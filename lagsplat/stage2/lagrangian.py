@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.autograd.functional import jacobian
 
 from lagsplat.array_types import Inputs, Latents, Spd
+from lagsplat.monomials import ROOM, Ball, draw_states, enclose_states, make_wide_ball
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
 from lagsplat.stage2.input_stiffness import InputStiffness, InputStiffnessPrior, stiffen
@@ -26,15 +27,10 @@ from lagsplat.stage2.networks import (
 )
 from lagsplat.stage2.polynomials import (
     LONGEST_NEWTON_STEP,
-    ROOM,
-    Ball,
     PolynomialEnergy,
     PolynomialField,
     PolynomialFrame,
     PolynomialMap,
-    draw_states,
-    enclose_states,
-    make_wide_ball,
 )
 
 WIDE = 4.0  # radius of the ball of polynomials where no data are given [whitened units]

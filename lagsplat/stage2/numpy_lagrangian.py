@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float64
 from torch import Tensor
 
+from lagsplat.monomials import ROOM
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits
 from lagsplat.stage2.networks import ConstantMatrix, Icnn, MatrixField
-from lagsplat.stage2.polynomials import LOADS, ROOM, SPRINGS, PolynomialEnergy, PolynomialField, PolynomialMap
+from lagsplat.stage2.polynomials import LOADS, SPRINGS, PolynomialEnergy, PolynomialField, PolynomialMap
 from lagsplat.stage2.rollout import split_inputs
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -329,7 +330,7 @@ class CoordinatesInArrays:
 
 
 class ClipInArrays:
-    """`lagsplat.stage2.polynomials.SoftClip` in arrays."""
+    """`lagsplat.monomials.SoftClip` in arrays."""
 
     def __init__(self, q: States, ball: np.ndarray) -> None:
         center, radius = ball[:-1], ball[-1]
@@ -354,7 +355,7 @@ class ClipInArrays:
 def evaluate_monomials_in_arrays(
     q: States, exponents: np.ndarray, *, ball: np.ndarray, free_degree: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`lagsplat.stage2.polynomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
+    """`lagsplat.monomials.evaluate_monomials` in arrays: values (*B, k) and gradients (*B, k, d)."""
     clip, free = ClipInArrays(q, ball), exponents.sum(1, keepdims=True) <= free_degree
     s, d = np.where(free, q[..., None, :], clip.s[..., None, :]), q.shape[-1]
     factors = s**exponents

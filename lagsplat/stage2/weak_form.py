@@ -24,9 +24,9 @@ from scipy.optimize import minimize
 
 from lagsplat.array_types import Series
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.monomials import enclose_states, evaluate_monomials, list_exponents, make_wide_ball
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
-from lagsplat.stage2.polynomials import enclose_states, evaluate_monomials, list_exponents, make_wide_ball
 
 BUMP_ORDER = 4  # of phi = (1 - x^2)^4, whose first three derivatives vanish at its ends
 # The numbers below were set by hand, with both simulated arms in view.

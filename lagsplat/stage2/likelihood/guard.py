@@ -6,15 +6,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.monomials import draw_states, evaluate_monomials
 from lagsplat.stage2.likelihood.parameter_vector import MAP, POTENTIAL, VOLUMES, ParameterVector
-from lagsplat.stage2.polynomials import (
-    CHECKED,
-    REACH,
-    PolynomialMap,
-    draw_states,
-    evaluate_monomials,
-    measure_stretch,
-)
+from lagsplat.stage2.polynomials import CHECKED, REACH, PolynomialMap, measure_stretch
 
 # The numbers below were set by hand, with both simulated arms, the rocker and the toy in view.
 STATES, BEYOND = 256, 0.25  # points of the energy, and how far they lie beyond two states

@@ -5,10 +5,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from lagsplat.monomials import evaluate_monomials
 from lagsplat.stage2 import polynomial_kernels
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.windows import Windows
-from lagsplat.stage2.polynomials import LOADS, SPRINGS, evaluate_monomials, list_law_arrays
+from lagsplat.stage2.polynomials import LOADS, SPRINGS, list_law_arrays
 
 States = Float[Tensor, "K s"]  # position and velocity [per internal time unit] in the coordinates of the law
 Paths = Float[Tensor, "K n s"]

@@ -8,9 +8,10 @@ import numpy as np
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.monomials import enclose_states, evaluate_monomials
 from lagsplat.stage1.linear_response import InputHistory, fit_linear_response
 from lagsplat.stage2.likelihood.guard import LEAST_STRETCH
-from lagsplat.stage2.polynomials import PolynomialMap, enclose_states, evaluate_monomials
+from lagsplat.stage2.polynomials import PolynomialMap
 
 # The numbers below were set by hand.
 FOLLOWED = 8192  # frames whose latents are compared with the inputs

@@ -15,6 +15,7 @@ from jinja2 import Template
 from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.io.files.atomic import write_text
+from lagsplat.monomials import ROOM
 from lagsplat.stage2.numpy_lagrangian import (
     ConstantSpd,
     ConvexNet,
@@ -24,7 +25,7 @@ from lagsplat.stage2.numpy_lagrangian import (
     PolynomialSpd,
     SpdField,
 )
-from lagsplat.stage2.polynomials import LOADS, ROOM, SPRINGS
+from lagsplat.stage2.polynomials import LOADS, SPRINGS
 from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
 from lagsplat.viewer.simulation.session import Session
 

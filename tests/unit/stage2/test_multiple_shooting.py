@@ -9,6 +9,7 @@ import torch
 from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.monomials import draw_states, make_wide_ball
 from lagsplat.normal_equations import solve_normal
 from lagsplat.stage2.likelihood import multiple_shooting
 from lagsplat.stage2.likelihood.guard import MAP_STATES, STATES, Guard
@@ -16,7 +17,6 @@ from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting
 from lagsplat.stage2.likelihood.parameter_vector import MAP, ParameterVector
 from lagsplat.stage2.likelihood.prior import make_prior
 from lagsplat.stage2.likelihood.windows import choose_stretches, cut_windows
-from lagsplat.stage2.polynomials import draw_states, make_wide_ball
 from lagsplat.stage2.rollout import rollout, rollout_in_torch
 from tests.stage2_problems import random_lagrangian
 
