@@ -43,6 +43,7 @@ ROOMS = (
     "novel_views",
     "stage1",
     "chart",
+    "matter",
     "stage2",
     "baselines",
     "forces",

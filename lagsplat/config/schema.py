@@ -9,6 +9,7 @@ from lagsplat.diagnose.core.config import BlindConfig, DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
+from lagsplat.matter.config import MatterConfig
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
@@ -17,7 +18,8 @@ from lagsplat.views.config import ViewsConfig
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 GROUPS = (
-    *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "stage2", "baseline"),
+    *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "matter", "stage2"),
+    "baseline",
     *("forecaster", "ode", "authors", "deformation", "evaluate", "extrapolation", "forces", "render"),
     *("views", "diagnose", "blind", "planted", "viewer"),
 )
@@ -71,6 +73,7 @@ class Config:
     """The simulated stand-in of a mechanism that is let go; null where there is none."""
     stage1: Stage1Config
     chart: ChartConfig
+    matter: MatterConfig
     stage2: Stage2Config
     baseline: BaselineConfig
     forecaster: ForecasterConfig

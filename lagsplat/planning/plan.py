@@ -379,6 +379,8 @@ def road_to(stage: str, experiment: Config) -> Road:
         "authors_table": (None, "extrapolation"),
         "extrapolate": (extrapolation, "extrapolate"),
         "extrapolate_table": (None, "extrapolation"),
+        "matter": (experiment.matter, "matter"),
+        "matter_paths": (None, "material_paths"),
         "field": (experiment.deformation, "field"),
         "field_read": (None, "velocity_field"),
         "field_table": (None, "deformation"),
@@ -397,5 +399,6 @@ TRUNK_BEFORE = {
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),
     "field": ("recording", "stage1", "chart"),
+    "matter": ("recording", "stage1", "chart"),
 }
 """Stages of the trunk before each branch."""

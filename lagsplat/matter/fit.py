@@ -1,0 +1,199 @@
+"""Finds the bodies of a film and how each moves with the state.
+
+A body moves as simply as withheld frames allow: rigidly, or by a smooth field of a degree as low as can be.
+What moves is one body unless several explain withheld frames better.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float64, Int
+from scipy.ndimage import binary_fill_holes, gaussian_filter
+
+from lagsplat.array_types import Frames, Series
+from lagsplat.matter.body_motion import BodyMotion, Points
+from lagsplat.matter.config import MatterConfig
+from lagsplat.matter.field import BodyReport, MatterField, MatterReport
+from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody
+from lagsplat.matter.rest_picture import find_nearest_frames
+
+LABEL_BLUR_PX = 1.2  # over which pixels decide together to which body they belong
+UNEXPLAINED = 0.5  # loss from which a residual is larger than its scale
+WINDOWS = 6  # parts of a region, whose motions are tried on all of it
+WINDOW = 0.5  # radius of a part, as a share of the size of what moves
+
+Region = Bool[np.ndarray, "H W"]
+
+
+def fit_matter(
+    frames: Frames, q: Series, config: MatterConfig, *, seed: int = 0
+) -> tuple[MatterField, MatterReport]:
+    """Find the bodies of a film, and how they move with the state.
+
+    Args:
+        frames: for training, filmed by a camera that stands still.
+        q: their states as encoded [whitened units].
+        config: settings.
+        seed: of the choice of frames.
+
+    Raises:
+        ValueError: nothing moves near the mean state, or the film is too short.
+    """
+    started_s, rng = time.perf_counter(), np.random.default_rng(seed)
+    near = find_nearest_frames(q)
+    chosen = np.unique(np.concatenate([near, rng.choice(len(q), min(len(q), config.frames), replace=False)]))
+    degree = config.latent_degree or (3 if q.shape[1] == 1 else 2)
+    of_near = np.flatnonzero(np.isin(chosen, near))
+    film = FilmRegistration(np.asarray(frames[chosen]), q[chosen], of_near, degree)
+    bodies = choose_bodies(film, config)
+    labels = label_pixels(film, bodies).ravel()
+    owned = [film.pixels[torch.from_numpy(np.flatnonzero(labels == i))] for i in range(len(bodies))]
+    matter = MatterField(
+        tuple(each.motion for each in bodies),
+        torch.cat(owned),
+        torch.cat([torch.full((len(points),), i) for i, points in enumerate(owned)]),
+    )
+    report = MatterReport(
+        bodies=[report_body(film, each, points) for each, points in zip(bodies, owned, strict=True)],
+        moving=int(film.moving.sum()),
+        unexplained=int(find_unexplained(film, bodies).sum()),
+        frames=len(chosen),
+        noise=film.noise,
+        wall_s=time.perf_counter() - started_s,
+    )
+    return matter, report
+
+
+def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBody]:
+    """One body of all that moves, or several where withheld frames prefer these by a standard error."""
+    whole = [choose_body(film, film.moving, config.bending)]
+    regions = split_region(film, film.moving, config.bodies) if config.bodies > 1 else []
+    if len(regions) < 2:
+        return whole
+    parts = [choose_body(film, region, config.bending) for region in regions]
+    scale = min(each.scale for each in (*whole, *parts))
+    losses = [measure_least_losses(film, bodies, scale=scale) for bodies in (whole, parts)]
+    error = losses[1].std() / np.sqrt(len(losses[1]))
+    return parts if losses[1].mean() + error < losses[0].mean() else whole
+
+
+def choose_body(film: FilmRegistration, region: Region, bending: int) -> FittedBody:
+    """The simplest motion that explains withheld frames of a region as well as the best one does.
+
+    As well is within one standard error of the best one's mean loss over frames.
+
+    Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 7.10.
+    """
+    points = film.choose_points(region)
+    tried = [film.fit_motion(points, degree) for degree in range(bending + 1)]
+    scale = min(each.scale for each in tried)
+    losses = np.stack(
+        [
+            film.measure_losses(each.motion, points, scale=scale, chosen=film.withheld).mean(1)
+            for each in tried
+        ]
+    )
+    mean = losses.mean(1)
+    best = int(mean.argmin())
+    error = losses[best].std() / np.sqrt(losses.shape[1])
+    chosen = tried[int(np.argmax(mean <= mean[best] + error))]
+    return replace(chosen, losses=tuple(mean.tolist()))
+
+
+def split_region(film: FilmRegistration, region: Region, most: int) -> list[Region]:
+    """Split a region by rigid motions: that of the part that most pixels follow, and so on with the others.
+
+    The motion of a part is fitted to a window, which holds one body if it is small. Its loss has the scale of
+    most windows.
+
+    Source: random sample consensus (Fischler and Bolles, 1981), with windows in place of random samples.
+    """
+    left = region.copy()
+    regions: list[Region] = []
+    while len(regions) < most and left.sum() >= FEWEST:
+        windows = [film.fit_motion(points, 0) for points in cut_windows(film.choose_points(left), film.size)]
+        scale = float(np.median([each.scale for each in windows]))
+        points = film.pixels[torch.from_numpy(np.flatnonzero(left.ravel()))]
+        follow = []
+        for each in windows:
+            loss = np.ones(left.size)
+            loss[left.ravel()] = film.measure_losses(each.motion, points, scale=scale, chosen=film.kept).mean(
+                0
+            )
+            follow.append(left & (gaussian_filter(loss.reshape(left.shape), LABEL_BLUR_PX) < UNEXPLAINED))
+        largest = max(follow, key=np.sum)
+        if largest.sum() < FEWEST:
+            break
+        regions.append(largest)
+        left &= ~largest
+    return regions
+
+
+def cut_windows(points: Points, size: float) -> list[Points]:
+    """Round parts of a region, about places that are far from one another, with `FEWEST` points at least."""
+    center = points[(points - points.mean(0)).norm(dim=1).argmax()]
+    away = torch.full((len(points),), torch.inf, dtype=points.dtype)
+    windows = []
+    for _ in range(WINDOWS):
+        distance = (points - center).norm(dim=1)
+        inside = points[distance <= WINDOW * size]
+        if len(inside) >= FEWEST:
+            windows.append(inside)
+        away = torch.minimum(away, distance)
+        center = points[away.argmax()]
+    return windows or [points]
+
+
+def measure_least_losses(
+    film: FilmRegistration, bodies: Sequence[FittedBody], *, scale: float
+) -> Float64[np.ndarray, " B"]:
+    """Mean loss of what moves in each withheld frame, each pixel with the body that suits it in the others."""
+    points = film.choose_points(film.moving)
+    kept, withheld = (
+        np.stack([film.measure_losses(each.motion, points, scale=scale, chosen=chosen) for each in bodies])
+        for chosen in (film.kept, film.withheld)
+    )
+    number = kept.mean(1).argmin(0)
+    return withheld[number, :, np.arange(len(points))].mean(0)
+
+
+def map_losses(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Float64[np.ndarray, "n H W"]:
+    """Mean loss of every pixel over all frames, if it stands still and if it moves with each body."""
+    scale, every = min(each.scale for each in bodies), np.arange(len(film.q))
+    motions: list[BodyMotion | None] = [None, *(each.motion for each in bodies)]
+    losses = [film.measure_losses(each, film.pixels, scale=scale, chosen=every).mean(0) for each in motions]
+    return np.stack(losses).reshape(-1, film.height, film.width)
+
+
+def label_pixels(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Int[np.ndarray, "H W"]:
+    """Number of the body of each pixel at the mean state; -1 for the still background.
+
+    A pixel belongs to the body along whose motion it keeps its colour best. What keeps its colour where
+    it is, too, is background, unless a body surrounds it.
+    """
+    smooth = np.stack([gaussian_filter(each, LABEL_BLUR_PX) for each in map_losses(film, bodies)])
+    labels = smooth.argmin(0) - 1
+    for number in range(len(bodies)):
+        labels[binary_fill_holes(labels == number) & (labels < 0)] = number
+    return labels
+
+
+def find_unexplained(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Region:
+    """Moving pixels whose colour neither a body nor the still background keeps."""
+    least = gaussian_filter(map_losses(film, bodies).min(0), LABEL_BLUR_PX)
+    return film.moving & (least > UNEXPLAINED)
+
+
+def report_body(film: FilmRegistration, body: FittedBody, points: Points) -> BodyReport:
+    """What a fit says of a body with some points."""
+    explained = 0.0
+    if len(points):
+        moved, stayed = (
+            film.measure_losses(motion, points, scale=body.scale, chosen=film.withheld).mean()
+            for motion in (body.motion, None)
+        )
+        explained = float(1.0 - moved / stayed)
+    return BodyReport(len(points), list(body.losses), body.motion.bending, body.scale, explained)

@@ -1,0 +1,211 @@
+"""Registers film frames to the picture of a body: Gauss-Newton on the colours that its motion should keep.
+
+A point of a body shows the colour that it has in the picture at the reference state, wherever the state
+takes it. Displacements are finite: an infinitesimal one, the derivative of a picture by the state, is biased
+by what a blurred picture cannot show.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from scipy.stats import chi
+from torch import Tensor
+
+from lagsplat.array_types import Latents
+from lagsplat.matter.blurred_film import BlurredFilm
+from lagsplat.matter.body_motion import BodyMotion, Points
+
+TUNING = 3.787
+"""Scale of Geman and McClure's loss in deviations, at which it is 95 % efficient for Gaussian noise."""
+CHANNELS = 3
+LOW = 0.25  # share of the texture of a patch, at least, that one body is taken to have
+SMALL = float(chi(CHANNELS).ppf(LOW))  # that quantile of the length of a vector of normal numbers
+MOST_RESIDUALS = 100_000  # of which a scale is read
+SCALES, STEPS = 4, 8  # rounds of a scale and of steps under it
+LEAST_GAIN = 1e-4  # of a step, relative to the loss
+FIRST_DAMPING, LEAST_DAMPING, TRIALS = 1e-3, 1e-9, 6  # of Levenberg and Marquardt
+OUTSIDE = 0.5  # loss of a point outside the image, of which nothing is known, over the largest
+CHUNK = 4_000_000  # numbers of a Jacobian at a time
+
+Colors = Float[Tensor, "P 3"]
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Points of the picture at the reference state.
+
+    Args:
+        points: their places [px].
+        colors: what the picture shows there, blurred as a film is.
+        texture: squared gradient of the picture there [1/px^2]: how much a point tells of its motion.
+    """
+
+    points: Points
+    colors: Colors
+    texture: Float[Tensor, " P"]
+
+
+def register_body(
+    film: BlurredFilm,
+    patch: Patch,
+    motion: BodyMotion,
+    q: Latents,
+    frames: Int[Tensor, " B"],
+    *,
+    noise: float,
+) -> tuple[BodyMotion, float]:
+    """Fit a motion to frames of a film, from one that is near.
+
+    The scale of the loss follows the residuals, and so falls as the fit gets better.
+
+    Args:
+        film: and ``frames`` of it, with the states ``q`` at which they were filmed.
+        patch: points that may belong to the body.
+        motion: the start.
+        noise: standard deviation of a colour of the film, below which no residual is taken seriously.
+
+    Returns:
+        The motion, and the scale of the loss at its end [colour].
+
+    Source: Lucas and Kanade, An Iterative Image Registration Technique, IJCAI 1981; the loss is of Geman and
+    McClure, 1987.
+    """
+    scale = TUNING * noise
+    for _ in range(SCALES):
+        residuals = measure_residuals(film, patch, motion, q, frames)
+        scale = estimate_scale(residuals, patch.texture, noise=noise)
+        motion = _descend(film, patch, motion, q, frames, scale=scale)
+    return motion, scale
+
+
+def measure_residuals(
+    film: BlurredFilm,
+    patch: Patch,
+    motion: BodyMotion | None,
+    q: Latents,
+    frames: Int[Tensor, " B"],
+) -> Float[Tensor, "B P"]:
+    """Distance of the colours that points have in frames from those in the picture; NaN outside the image.
+
+    Without a motion the points stay where they are.
+    """
+    left = []
+    for part in torch.arange(len(q)).split(max(1, CHUNK // (len(patch.points) * CHANNELS**2))):
+        places = (
+            patch.points.expand(len(part), -1, -1) if motion is None else motion.carry(patch.points, q[part])
+        )
+        seen = film.sample(frames[part], places)
+        left.append((seen.color - patch.colors).norm(dim=2).where(seen.inside, torch.nan))
+    return torch.cat(left)
+
+
+def average_colors(
+    film: BlurredFilm,
+    patch: Patch,
+    motion: BodyMotion | None,
+    q: Latents,
+    frames: Int[Tensor, " B"],
+    *,
+    scale: float,
+) -> Colors:
+    """Colours that points have in frames on average, where outliers by those of the patch hardly count.
+
+    Source: Learned-Miller, Data Driven Image Models through Continuous Joint Alignment, IEEE Transactions on
+    Pattern Analysis and Machine Intelligence 28 (2006).
+    """
+    total, weights = torch.zeros_like(patch.colors), patch.colors.new_zeros(len(patch.points), 1)
+    for part in torch.arange(len(q)).split(max(1, CHUNK // (len(patch.points) * CHANNELS**2))):
+        places = (
+            patch.points.expand(len(part), -1, -1) if motion is None else motion.carry(patch.points, q[part])
+        )
+        seen = film.sample(frames[part], places)
+        share = scale**2 / (scale**2 + (seen.color - patch.colors).square().sum(2))
+        weight = share.square().where(seen.inside, 0.0)[..., None]
+        total += (weight * seen.color).sum(0)
+        weights += weight.sum(0)
+    return torch.where(weights > 0.0, total / weights.clamp(min=1e-300), patch.colors)
+
+
+def estimate_scale(residuals: Float[Tensor, "B P"], texture: Float[Tensor, " P"], *, noise: float) -> float:
+    """Scale of the loss [colour] from the smaller residuals, where points count by their texture.
+
+    Points without texture keep their colour under any motion. The larger residuals may be of another body.
+    """
+    some = slice(None, None, max(1, residuals.numel() // MOST_RESIDUALS))
+    values, order = residuals.flatten()[some].nan_to_num(torch.inf).sort()
+    weight = texture.expand_as(residuals).flatten()[some][order].cumsum(0)
+    at = int(torch.searchsorted(weight, LOW * weight[-1]))
+    return TUNING * max(noise, float(values[min(at, len(values) - 1)]) / SMALL)
+
+
+def evaluate_loss(residuals: Float[Tensor, "*S"], *, scale: float) -> Float[Tensor, "*S"]:
+    """Loss of each residual in [0, 1], ``r^2 / (s^2 + r^2)``; `OUTSIDE` where it is NaN."""
+    square = residuals.square()
+    return (square / (scale**2 + square)).nan_to_num(OUTSIDE)
+
+
+def _descend(
+    film: BlurredFilm,
+    patch: Patch,
+    motion: BodyMotion,
+    q: Latents,
+    frames: Int[Tensor, " B"],
+    *,
+    scale: float,
+) -> BodyMotion:
+    """Steps of Levenberg and Marquardt under one scale."""
+    damping = FIRST_DAMPING
+    loss, normal, slope = _linearize(film, patch, motion, q, frames, scale=scale)
+    for _ in range(STEPS):
+        for _ in range(TRIALS):
+            damped = normal + damping * torch.diag(normal.diagonal())
+            step = -torch.linalg.solve(damped, slope).view_as(motion.coefficients)
+            after = replace(motion, coefficients=motion.coefficients + step)
+            trial = _linearize(film, patch, after, q, frames, scale=scale)
+            if trial[0] < loss:
+                break
+            damping *= 10.0
+        else:
+            return motion
+        gain = 1.0 - trial[0] / loss
+        motion, (loss, normal, slope) = after, trial
+        damping = max(damping / 10.0, LEAST_DAMPING)
+        if gain < LEAST_GAIN:
+            break
+    return motion
+
+
+def _linearize(
+    film: BlurredFilm,
+    patch: Patch,
+    motion: BodyMotion,
+    q: Latents,
+    frames: Int[Tensor, " B"],
+    *,
+    scale: float,
+) -> tuple[float, Float[Tensor, "n n"], Float[Tensor, " n"]]:
+    """The loss [colour^2], its second derivative after Gauss and Newton, and its gradient.
+
+    A prior of one size per coefficient and deviation of the state holds what no frame tells.
+    """
+    k, p = motion.coefficients.shape
+    normal = scale**2 * torch.eye(k * p, dtype=patch.points.dtype)
+    slope = scale**2 * motion.coefficients.flatten()
+    loss = scale**2 * float(motion.coefficients.square().sum())
+    chunk = max(1, CHUNK // (len(patch.points) * CHANNELS * p))
+    for part in torch.arange(len(q)).split(chunk):
+        monomials, _ = motion.evaluate_latent_monomials(q[part])
+        places, by_pose = motion.differentiate_by_pose(patch.points, q[part])
+        seen = film.sample(frames[part], places)
+        residual = seen.color - patch.colors
+        share = scale**2 / (scale**2 + residual.square().sum(2))
+        loss += scale**2 * float((1.0 - share).where(seen.inside, OUTSIDE).sum())
+        weight = share.square().where(seen.inside, 0.0)
+        change = torch.einsum("bpcx,bpxi->bpci", seen.gradient, by_pose)
+        weighted = (weight[:, :, None, None] * change).flatten(1, 2)
+        own = weighted.mT @ change.flatten(1, 2)
+        pull = torch.einsum("bri,br->bi", weighted, residual.flatten(1))
+        normal += torch.einsum("ba,bc,bij->aicj", monomials, monomials, own).reshape(k * p, k * p)
+        slope = slope + (monomials.mT @ pull).flatten()
+    return loss, normal, slope

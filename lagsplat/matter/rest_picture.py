@@ -1,0 +1,94 @@
+"""The picture of a film at its mean state, what of it moves, and the noise of a colour.
+
+All are of a local regression on the frames that were filmed near that state; no image model takes part.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64
+from scipy.stats import f as fisher
+
+from lagsplat.array_types import Frames, Series
+from lagsplat.matter.blurred_film import blur_frames
+from lagsplat.monomials import evaluate_monomials, list_exponents, make_wide_ball
+
+FRAMES_PER_TERM = 8  # of the regression
+DEGREE = 2  # of the regression
+FALSE_ALARMS = 0.01  # expected number of pixels of a still film that are taken for moving ones
+
+
+@dataclass(frozen=True)
+class RestPicture:
+    """What a local regression says of a film at the mean state.
+
+    Args:
+        color: the picture.
+        slope: its derivative by each latent [1/whitened unit].
+        moving: pixels whose colour changes with the state, by an F test.
+        noise: standard deviation of a colour about the regression.
+    """
+
+    color: Float[np.ndarray, "H W 3"]
+    slope: Float64[np.ndarray, "d H W 3"]
+    moving: Bool[np.ndarray, "H W"]
+    noise: float
+
+
+def count_terms(d: int) -> int:
+    """Number of terms of the regression."""
+    return 1 + d + d * (d + 1) // 2
+
+
+def find_nearest_frames(q: Series) -> np.ndarray:
+    """The frames whose states are nearest to the mean state, as many as the regression asks for."""
+    order = np.argsort(np.linalg.norm(q, axis=1), kind="stable")
+    return order[: FRAMES_PER_TERM * count_terms(q.shape[1])]
+
+
+def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPicture:
+    """Fit the picture at the state zero to frames near it, by a polynomial of the second degree of the state.
+
+    Frames count less the farther off their states are (tricube weights).
+
+    Args:
+        frames: from `find_nearest_frames`.
+        q: their states [whitened units].
+        blur_px: standard deviation of the Gaussian that blurs frames first [px].
+
+    Raises:
+        ValueError: fewer frames than the regression has terms.
+
+    Source: Cleveland, Robust Locally Weighted Regression, JASA 74 (1979).
+    """
+    n, d = q.shape
+    terms, (height, width) = count_terms(d), frames.shape[1:3]
+    if n <= 2 * terms:
+        raise ValueError(
+            f"the motion of matter needs more than {2 * terms} frames near the mean state for {d} "
+            f"coordinates, and the film has {n}: record longer"
+        )
+    distance = np.linalg.norm(q, axis=1)
+    weight = (1.0 - (distance / (1.001 * distance.max())) ** 3) ** 3
+    exponents = list_exponents(d, lowest=0, highest=DEGREE)
+    design = evaluate_monomials(torch.from_numpy(q), exponents, ball=make_wide_ball(d))[0].numpy()
+    colors = blur_frames(frames, blur_px=blur_px).reshape(n, -1).astype(np.float64)
+    root = np.sqrt(weight)[:, None]
+    solved, *_ = np.linalg.lstsq(root * design, root * colors, rcond=None)
+    rest = root * (colors - design @ solved)
+    free = weight.sum() * (1.0 - terms / n)
+    variance = np.square(rest).sum(0).reshape(height, width, 3).mean(2) / free
+    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))[1 : 1 + d, 1 : 1 + d]
+    slope = solved[1 : 1 + d].reshape(d, height, width, 3)
+    size = np.einsum("ahwc,ab,bhwc->hw", slope, np.linalg.inv(covariance), slope) / (3 * d)
+    limit = fisher.isf(FALSE_ALARMS / (height * width), 3 * d, 3 * (n - terms))
+    noise = float(np.sqrt(np.median(variance)))
+    color = solved[0].reshape(height, width, 3)
+    return RestPicture(color, slope, size > limit * np.maximum(variance, noise**2), noise)
+
+
+def show_mean_state(frames: Frames, q: Series) -> Float[np.ndarray, "H W 3"]:
+    """The picture of a film at its mean state, with colours about [0, 1]."""
+    near = find_nearest_frames(q)
+    return fit_rest_picture(np.asarray(frames[np.sort(near)]), q[np.sort(near)], blur_px=0.0).color

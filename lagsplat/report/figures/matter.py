@@ -1,0 +1,85 @@
+"""Figures of matter: the bodies of a film over its picture, and the paths of material points."""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from lagsplat.evaluate.material_paths import MaterialPaths
+from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.matter.field import MatterField
+from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
+
+TRAILS = 30  # points whose paths are drawn
+BODY_COLOURS = ("#0072B2", "#D55E00", "#009E73")
+FOUND_COLOUR, TRUE_COLOUR = "#FFD400", "#FFFFFF"
+REACH = 2.0  # deviations of the state on each side over which a path is drawn
+STEPS = 41  # of a path
+
+
+def draw_matter(
+    matter: MatterField,
+    picture: Float[np.ndarray, "H W 3"],
+    paths: MaterialPaths | None,
+    *,
+    title: str,
+) -> Figure:
+    """Draw the bodies of a film, how their points move along each latent and, where known, true paths.
+
+    Args:
+        matter: the field.
+        picture: of the film at the mean state, colours in [0, 1].
+        paths: of material points in held-out frames; None where the truth is not known.
+        title: of the figure.
+    """
+    columns = 2 + (paths is not None)
+    height, width = picture.shape[:2]
+    with paper_style():
+        figure = new_figure(PAGE_IN, PAGE_IN / columns * height / width + 0.7)
+        axes = figure.subplots(1, columns, squeeze=False)[0]
+        for each in axes:
+            each.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), interpolation="nearest")
+            each.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[])
+        _draw_bodies(axes[0], matter)
+        _draw_ways(axes[1], matter)
+        if paths is not None:
+            _draw_paths(axes[2], paths)
+        figure.suptitle(title)
+    return figure
+
+
+def _draw_bodies(axes: Axes, matter: MatterField) -> None:
+    named = []
+    for number, motion in enumerate(matter.bodies):
+        x, y = matter.points[matter.body == number].T.tolist()
+        colour = BODY_COLOURS[number % len(BODY_COLOURS)]
+        axes.scatter(x, y, s=4, marker="s", linewidths=0, color=colour, alpha=0.6)
+        named.append(f"{f'bends, degree {motion.bending}' if motion.bending else 'rigid'}, {len(x)} px")
+    axes.set_title("; ".join(named))
+
+
+def _draw_ways(axes: Axes, matter: MatterField) -> None:
+    """Ways of some points along each latent, two deviations to both sides."""
+    chosen = torch.tensor(choose_evenly(len(matter.points), TRAILS))
+    along = torch.linspace(-REACH, REACH, STEPS, dtype=torch.float64)
+    for i in range(matter.d):
+        states = along[:, None] * torch.eye(matter.d, dtype=torch.float64)[i]
+        places = matter.carry(states)[:, chosen].numpy()
+        axes.plot(*np.moveaxis(places, 2, 0), color=f"C{i}", linewidth=0.8)
+    axes.set_title("ways, two deviations of each latent")
+
+
+def _draw_paths(axes: Axes, paths: MaterialPaths) -> None:
+    known = np.flatnonzero(paths.known)
+    chosen = known[choose_evenly(len(known), TRAILS)] if len(known) else known
+    for name, places, colour, width in (
+        ("true", paths.true, TRUE_COLOUR, 1.6),
+        ("found", paths.found, FOUND_COLOUR, 0.6),
+    ):
+        lines = axes.plot(*np.moveaxis(places[:, chosen], 2, 0), color=colour, linewidth=width)
+        for line in lines[:1]:
+            line.set_label(name)
+    numbers = paths.measure()
+    axes.legend(loc="lower right", fontsize=6)
+    axes.set_title("held-out paths" + ("" if numbers["path"] is None else f", error {numbers['path']:.1%}"))
