@@ -1,5 +1,6 @@
 """Frames of a film, blurred, with their gradients, read between pixels."""
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -28,14 +29,20 @@ class BlurredFilm:
     """
 
     def __init__(self, frames: Frames, *, blur_px: float) -> None:
-        self.colors = blur_frames(frames, blur_px=blur_px)
-        down, across = np.gradient(self.colors, axis=(1, 2))
-        channels = np.concatenate([self.colors, across, down], axis=3)
+        colors = blur_frames(frames, blur_px=blur_px)
+        down, across = np.gradient(colors, axis=(1, 2))
+        channels = np.concatenate([colors, across, down], axis=3)
         self.channels = torch.from_numpy(channels).permute(0, 3, 1, 2).contiguous()
 
-    def sample(self, frames: Int[Tensor, " B"], places: Float[Tensor, "B P 2"]) -> Samples:
+    def select(self, frames: Int[Tensor, " B"]) -> "BlurredFilm":
+        """The film of some of the frames."""
+        selected = copy.copy(self)
+        selected.channels = self.channels[frames]
+        return selected
+
+    def sample(self, frames: slice, places: Float[Tensor, "B P 2"]) -> Samples:
         """Read each of ``frames`` at its places [px] by bicubic interpolation."""
-        size = torch.tensor(self.colors.shape[2:0:-1], dtype=places.dtype)
+        size = torch.tensor(self.channels.shape[:1:-1], dtype=places.dtype)
         grid = (2.0 * places / size - 1.0).float()[:, :, None]
         read = torch.nn.functional.grid_sample(
             self.channels[frames], grid, mode="bicubic", padding_mode="border", align_corners=False

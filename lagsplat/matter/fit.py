@@ -16,7 +16,7 @@ from scipy.ndimage import binary_fill_holes, gaussian_filter
 from lagsplat.array_types import Frames, Series
 from lagsplat.matter.body_motion import BodyMotion, Points
 from lagsplat.matter.config import MatterConfig
-from lagsplat.matter.field import BodyReport, MatterField, MatterReport
+from lagsplat.matter.field import LEAST_EXPLAINED, BodyReport, MatterField, MatterReport
 from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody
 from lagsplat.matter.rest_picture import find_nearest_frames
 
@@ -49,15 +49,14 @@ def fit_matter(
     of_near = np.flatnonzero(np.isin(chosen, near))
     film = FilmRegistration(np.asarray(frames[chosen]), q[chosen], of_near, degree)
     bodies = choose_bodies(film, config)
-    labels = label_pixels(film, bodies).ravel()
-    owned = [film.pixels[torch.from_numpy(np.flatnonzero(labels == i))] for i in range(len(bodies))]
+    owned = list_points(film, bodies)
     matter = MatterField(
         tuple(each.motion for each in bodies),
         torch.cat(owned),
         torch.cat([torch.full((len(points),), i) for i, points in enumerate(owned)]),
     )
     report = MatterReport(
-        bodies=[report_body(film, each, points) for each, points in zip(bodies, owned, strict=True)],
+        bodies=report_bodies(film, bodies, owned),
         moving=int(film.moving.sum()),
         unexplained=int(find_unexplained(film, bodies).sum()),
         frames=len(chosen),
@@ -71,13 +70,21 @@ def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBo
     """One body of all that moves, or several where withheld frames prefer these by a standard error."""
     whole = [choose_body(film, film.moving, config.bending)]
     regions = split_region(film, film.moving, config.bodies) if config.bodies > 1 else []
-    if len(regions) < 2:
+    parts = [choose_body(film, region, config.bending) for region in regions] if len(regions) > 1 else []
+    while len(parts) > 1 and (poor := find_poor_bodies(film, parts)):
+        parts = [part for i, part in enumerate(parts) if i not in poor]
+    if len(parts) < 2:
         return whole
-    parts = [choose_body(film, region, config.bending) for region in regions]
     scale = min(each.scale for each in (*whole, *parts))
     losses = [measure_least_losses(film, bodies, scale=scale) for bodies in (whole, parts)]
     error = losses[1].std() / np.sqrt(len(losses[1]))
     return parts if losses[1].mean() + error < losses[0].mean() else whole
+
+
+def find_poor_bodies(film: FilmRegistration, bodies: Sequence[FittedBody]) -> list[int]:
+    """Numbers of bodies to which hardly a pixel belongs, or whose pixels hardly keep their colours."""
+    reports = report_bodies(film, bodies, list_points(film, bodies))
+    return [i for i, each in enumerate(reports) if each.pixels < FEWEST or each.explained < LEAST_EXPLAINED]
 
 
 def choose_body(film: FilmRegistration, region: Region, bending: int) -> FittedBody:
@@ -150,7 +157,7 @@ def cut_windows(points: Points, size: float) -> list[Points]:
 def measure_least_losses(
     film: FilmRegistration, bodies: Sequence[FittedBody], *, scale: float
 ) -> Float64[np.ndarray, " B"]:
-    """Mean loss of what moves in each withheld frame, each pixel with the body that suits it in the others."""
+    """Mean loss of what moves in each withheld frame, each pixel with its best body of the other frames."""
     points = film.choose_points(film.moving)
     kept, withheld = (
         np.stack([film.measure_losses(each.motion, points, scale=scale, chosen=chosen) for each in bodies])
@@ -187,13 +194,24 @@ def find_unexplained(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Re
     return film.moving & (least > UNEXPLAINED)
 
 
-def report_body(film: FilmRegistration, body: FittedBody, points: Points) -> BodyReport:
-    """What a fit says of a body with some points."""
-    explained = 0.0
-    if len(points):
-        moved, stayed = (
-            film.measure_losses(motion, points, scale=body.scale, chosen=film.withheld).mean()
-            for motion in (body.motion, None)
-        )
-        explained = float(1.0 - moved / stayed)
-    return BodyReport(len(points), list(body.losses), body.motion.bending, body.scale, explained)
+def list_points(film: FilmRegistration, bodies: Sequence[FittedBody]) -> list[Points]:
+    """Pixels at the mean state that belong to each body."""
+    labels = label_pixels(film, bodies).ravel()
+    return [film.pixels[torch.from_numpy(np.flatnonzero(labels == i))] for i in range(len(bodies))]
+
+
+def report_bodies(
+    film: FilmRegistration, bodies: Sequence[FittedBody], owned: Sequence[Points]
+) -> list[BodyReport]:
+    """What a fit says of bodies and the points that belong to them."""
+    reports = []
+    for body, points in zip(bodies, owned, strict=True):
+        explained = 0.0
+        if len(points):
+            moved, stayed = (
+                film.measure_losses(motion, points, scale=body.scale, chosen=film.withheld).mean()
+                for motion in (body.motion, None)
+            )
+            explained = float(1.0 - moved / stayed)
+        reports.append(BodyReport(len(points), list(body.losses), body.motion.bending, body.scale, explained))
+    return reports

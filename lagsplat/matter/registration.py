@@ -8,7 +8,7 @@ by what a blurred picture cannot show.
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.stats import chi
 from torch import Tensor
 
@@ -23,7 +23,8 @@ LOW = 0.25  # share of the texture of a patch, at least, that one body is taken 
 SMALL = float(chi(CHANNELS).ppf(LOW))  # that quantile of the length of a vector of normal numbers
 MOST_RESIDUALS = 100_000  # of which a scale is read
 SCALES, STEPS = 4, 8  # rounds of a scale and of steps under it
-LEAST_GAIN = 1e-4  # of a step, relative to the loss
+SAME = 0.95  # of a scale, from which the next one is the same
+LEAST_GAIN = 1e-3  # of a step, relative to the loss
 FIRST_DAMPING, LEAST_DAMPING, TRIALS = 1e-3, 1e-9, 6  # of Levenberg and Marquardt
 OUTSIDE = 0.5  # loss of a point outside the image, of which nothing is known, over the largest
 CHUNK = 4_000_000  # numbers of a Jacobian at a time
@@ -39,11 +40,14 @@ class Patch:
         points: their places [px].
         colors: what the picture shows there, blurred as a film is.
         texture: squared gradient of the picture there [1/px^2]: how much a point tells of its motion.
+        away: distance of the colours from those of most frames in the same place: what stays where it is has
+            none, and tells of no motion.
     """
 
     points: Points
     colors: Colors
     texture: Float[Tensor, " P"]
+    away: Float[Tensor, " P"]
 
 
 def register_body(
@@ -51,7 +55,6 @@ def register_body(
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
-    frames: Int[Tensor, " B"],
     *,
     noise: float,
 ) -> tuple[BodyMotion, float]:
@@ -60,7 +63,7 @@ def register_body(
     The scale of the loss follows the residuals, and so falls as the fit gets better.
 
     Args:
-        film: and ``frames`` of it, with the states ``q`` at which they were filmed.
+        film: with a frame for each state of ``q``.
         patch: points that may belong to the body.
         motion: the start.
         noise: standard deviation of a colour of the film, below which no residual is taken seriously.
@@ -71,11 +74,13 @@ def register_body(
     Source: Lucas and Kanade, An Iterative Image Registration Technique, IJCAI 1981; the loss is of Geman and
     McClure, 1987.
     """
-    scale = TUNING * noise
+    scale = torch.inf
     for _ in range(SCALES):
-        residuals = measure_residuals(film, patch, motion, q, frames)
-        scale = estimate_scale(residuals, patch.texture, noise=noise)
-        motion = _descend(film, patch, motion, q, frames, scale=scale)
+        residuals = measure_residuals(film, patch, motion, q)
+        before, scale = scale, estimate_scale(residuals, patch.texture, noise=noise)
+        if scale > SAME * before:
+            break
+        motion = _descend(film, patch, motion, q, scale=scale)
     return motion, scale
 
 
@@ -84,18 +89,19 @@ def measure_residuals(
     patch: Patch,
     motion: BodyMotion | None,
     q: Latents,
-    frames: Int[Tensor, " B"],
 ) -> Float[Tensor, "B P"]:
     """Distance of the colours that points have in frames from those in the picture; NaN outside the image.
 
     Without a motion the points stay where they are.
     """
     left = []
-    for part in torch.arange(len(q)).split(max(1, CHUNK // (len(patch.points) * CHANNELS**2))):
+    for part in cut_frames(len(q), len(patch.points) * CHANNELS**2):
         places = (
-            patch.points.expand(len(part), -1, -1) if motion is None else motion.carry(patch.points, q[part])
+            patch.points.expand(len(q[part]), -1, -1)
+            if motion is None
+            else motion.carry(patch.points, q[part])
         )
-        seen = film.sample(frames[part], places)
+        seen = film.sample(part, places)
         left.append((seen.color - patch.colors).norm(dim=2).where(seen.inside, torch.nan))
     return torch.cat(left)
 
@@ -105,7 +111,6 @@ def average_colors(
     patch: Patch,
     motion: BodyMotion | None,
     q: Latents,
-    frames: Int[Tensor, " B"],
     *,
     scale: float,
 ) -> Colors:
@@ -115,11 +120,13 @@ def average_colors(
     Pattern Analysis and Machine Intelligence 28 (2006).
     """
     total, weights = torch.zeros_like(patch.colors), patch.colors.new_zeros(len(patch.points), 1)
-    for part in torch.arange(len(q)).split(max(1, CHUNK // (len(patch.points) * CHANNELS**2))):
+    for part in cut_frames(len(q), len(patch.points) * CHANNELS**2):
         places = (
-            patch.points.expand(len(part), -1, -1) if motion is None else motion.carry(patch.points, q[part])
+            patch.points.expand(len(q[part]), -1, -1)
+            if motion is None
+            else motion.carry(patch.points, q[part])
         )
-        seen = film.sample(frames[part], places)
+        seen = film.sample(part, places)
         share = scale**2 / (scale**2 + (seen.color - patch.colors).square().sum(2))
         weight = share.square().where(seen.inside, 0.0)[..., None]
         total += (weight * seen.color).sum(0)
@@ -127,16 +134,23 @@ def average_colors(
     return torch.where(weights > 0.0, total / weights.clamp(min=1e-300), patch.colors)
 
 
-def estimate_scale(residuals: Float[Tensor, "B P"], texture: Float[Tensor, " P"], *, noise: float) -> float:
-    """Scale of the loss [colour] from the smaller residuals, where points count by their texture.
+def estimate_scale(residuals: Float[Tensor, "B P"], weight: Float[Tensor, " P"], *, noise: float) -> float:
+    """Scale of the loss [colour] from the smaller residuals, where points count by a ``weight``.
 
-    Points without texture keep their colour under any motion. The larger residuals may be of another body.
+    Points without texture keep their colour under any motion, and those of the background where they are. The
+    larger residuals may be of another body.
     """
     some = slice(None, None, max(1, residuals.numel() // MOST_RESIDUALS))
     values, order = residuals.flatten()[some].nan_to_num(torch.inf).sort()
-    weight = texture.expand_as(residuals).flatten()[some][order].cumsum(0)
-    at = int(torch.searchsorted(weight, LOW * weight[-1]))
+    summed = weight.expand_as(residuals).flatten()[some][order].cumsum(0)
+    at = int(torch.searchsorted(summed, LOW * summed[-1]))
     return TUNING * max(noise, float(values[min(at, len(values) - 1)]) / SMALL)
+
+
+def cut_frames(count: int, numbers: int) -> list[slice]:
+    """Parts of some frames that take `CHUNK` numbers, if each takes as many as ``numbers``."""
+    step = max(1, CHUNK // max(1, numbers))
+    return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def evaluate_loss(residuals: Float[Tensor, "*S"], *, scale: float) -> Float[Tensor, "*S"]:
@@ -150,19 +164,18 @@ def _descend(
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
-    frames: Int[Tensor, " B"],
     *,
     scale: float,
 ) -> BodyMotion:
     """Steps of Levenberg and Marquardt under one scale."""
     damping = FIRST_DAMPING
-    loss, normal, slope = _linearize(film, patch, motion, q, frames, scale=scale)
+    loss, normal, slope = _linearize(film, patch, motion, q, scale=scale)
     for _ in range(STEPS):
         for _ in range(TRIALS):
             damped = normal + damping * torch.diag(normal.diagonal())
             step = -torch.linalg.solve(damped, slope).view_as(motion.coefficients)
             after = replace(motion, coefficients=motion.coefficients + step)
-            trial = _linearize(film, patch, after, q, frames, scale=scale)
+            trial = _linearize(film, patch, after, q, scale=scale)
             if trial[0] < loss:
                 break
             damping *= 10.0
@@ -181,27 +194,27 @@ def _linearize(
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
-    frames: Int[Tensor, " B"],
     *,
     scale: float,
 ) -> tuple[float, Float[Tensor, "n n"], Float[Tensor, " n"]]:
     """The loss [colour^2], its second derivative after Gauss and Newton, and its gradient.
 
-    A prior of one size per coefficient and deviation of the state holds what no frame tells.
+    A prior of one size per coefficient and deviation of the state holds what no frame tells. Points count by
+    the loss that they would have if they stayed where they are.
     """
+    moves = evaluate_loss(patch.away, scale=scale)
     k, p = motion.coefficients.shape
     normal = scale**2 * torch.eye(k * p, dtype=patch.points.dtype)
     slope = scale**2 * motion.coefficients.flatten()
     loss = scale**2 * float(motion.coefficients.square().sum())
-    chunk = max(1, CHUNK // (len(patch.points) * CHANNELS * p))
-    for part in torch.arange(len(q)).split(chunk):
+    for part in cut_frames(len(q), len(patch.points) * CHANNELS * p):
         monomials, _ = motion.evaluate_latent_monomials(q[part])
         places, by_pose = motion.differentiate_by_pose(patch.points, q[part])
-        seen = film.sample(frames[part], places)
+        seen = film.sample(part, places)
         residual = seen.color - patch.colors
         share = scale**2 / (scale**2 + residual.square().sum(2))
-        loss += scale**2 * float((1.0 - share).where(seen.inside, OUTSIDE).sum())
-        weight = share.square().where(seen.inside, 0.0)
+        loss += scale**2 * float((moves * (1.0 - share).where(seen.inside, OUTSIDE)).sum())
+        weight = (moves * share.square()).where(seen.inside, 0.0)
         change = torch.einsum("bpcx,bpxi->bpci", seen.gradient, by_pose)
         weighted = (weight[:, :, None, None] * change).flatten(1, 2)
         own = weighted.mT @ change.flatten(1, 2)

@@ -1,4 +1,4 @@
-"""The picture of a film at its mean state, what of it moves, and the noise of a colour.
+"""The picture of a film at its mean state, how it changes with the state, and the noise of a colour.
 
 All are of a local regression on the frames that were filmed near that state; no image model takes part.
 """
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64
-from scipy.stats import f as fisher
+from jaxtyping import Float, Float64
 
 from lagsplat.array_types import Frames, Series
 from lagsplat.matter.blurred_film import blur_frames
@@ -16,7 +15,6 @@ from lagsplat.monomials import evaluate_monomials, list_exponents, make_wide_bal
 
 FRAMES_PER_TERM = 8  # of the regression
 DEGREE = 2  # of the regression
-FALSE_ALARMS = 0.01  # expected number of pixels of a still film that are taken for moving ones
 
 
 @dataclass(frozen=True)
@@ -26,13 +24,11 @@ class RestPicture:
     Args:
         color: the picture.
         slope: its derivative by each latent [1/whitened unit].
-        moving: pixels whose colour changes with the state, by an F test.
         noise: standard deviation of a colour about the regression.
     """
 
     color: Float[np.ndarray, "H W 3"]
     slope: Float64[np.ndarray, "d H W 3"]
-    moving: Bool[np.ndarray, "H W"]
     noise: float
 
 
@@ -78,14 +74,10 @@ def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPictur
     solved, *_ = np.linalg.lstsq(root * design, root * colors, rcond=None)
     rest = root * (colors - design @ solved)
     free = weight.sum() * (1.0 - terms / n)
-    variance = np.square(rest).sum(0).reshape(height, width, 3).mean(2) / free
-    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))[1 : 1 + d, 1 : 1 + d]
+    variance = np.square(rest).sum(0) / free
     slope = solved[1 : 1 + d].reshape(d, height, width, 3)
-    size = np.einsum("ahwc,ab,bhwc->hw", slope, np.linalg.inv(covariance), slope) / (3 * d)
-    limit = fisher.isf(FALSE_ALARMS / (height * width), 3 * d, 3 * (n - terms))
     noise = float(np.sqrt(np.median(variance)))
-    color = solved[0].reshape(height, width, 3)
-    return RestPicture(color, slope, size > limit * np.maximum(variance, noise**2), noise)
+    return RestPicture(solved[0].reshape(height, width, 3), slope, noise)
 
 
 def show_mean_state(frames: Frames, q: Series) -> Float[np.ndarray, "H W 3"]:
