@@ -80,6 +80,7 @@ def _draw_paths(axes: Axes, paths: MaterialPaths) -> None:
         lines = axes.plot(*np.moveaxis(places[:, chosen], 2, 0), color=colour, linewidth=width)
         for line in lines[:1]:
             line.set_label(name)
-    numbers = paths.measure()
-    axes.legend(loc="lower right", fontsize=6)
-    axes.set_title("held-out paths" + ("" if numbers["path"] is None else f", error {numbers['path']:.1%}"))
+    axes.set_title("held-out paths")
+    if (error := paths.measure()["path"]) is not None:
+        axes.legend(loc="lower right", fontsize=6)
+        axes.set_title(f"held-out paths, error {error:.1%}")
