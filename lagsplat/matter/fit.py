@@ -178,11 +178,11 @@ def map_losses(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Float64[
 def label_pixels(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Int[np.ndarray, "H W"]:
     """Number of the body of each pixel at the mean state; -1 for the still background.
 
-    A pixel belongs to the body along whose motion it keeps its colour best. What keeps its colour where
-    it is, too, is background, unless a body surrounds it.
+    A pixel belongs to the body along whose motion it keeps its colour best. What has its colour in most
+    frames is background, unless a body surrounds it.
     """
     smooth = np.stack([gaussian_filter(each, LABEL_BLUR_PX) for each in map_losses(film, bodies)])
-    labels = smooth.argmin(0) - 1
+    labels = np.where(film.moving, smooth.argmin(0) - 1, -1)
     for number in range(len(bodies)):
         labels[binary_fill_holes(labels == number) & (labels < 0)] = number
     return labels

@@ -14,7 +14,7 @@ from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 TRAILS = 30  # points whose paths are drawn
 BODY_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 FOUND_COLOUR, TRUE_COLOUR = "#FFD400", "#FFFFFF"
-REACH = 2.0  # deviations of the state on each side over which a path is drawn
+REACH = 1.5  # deviations of the state on each side over which a path is drawn
 STEPS = 41  # of a path
 
 
@@ -67,7 +67,7 @@ def _draw_ways(axes: Axes, matter: MatterField) -> None:
         states = along[:, None] * torch.eye(matter.d, dtype=torch.float64)[i]
         places = matter.carry(states)[:, chosen].numpy()
         axes.plot(*np.moveaxis(places, 2, 0), color=f"C{i}", linewidth=0.8)
-    axes.set_title("ways, two deviations of each latent")
+    axes.set_title(f"ways, {REACH:g} deviations of each latent")
 
 
 def _draw_paths(axes: Axes, paths: MaterialPaths) -> None:
@@ -82,5 +82,5 @@ def _draw_paths(axes: Axes, paths: MaterialPaths) -> None:
             line.set_label(name)
     axes.set_title("held-out paths")
     if (error := paths.measure()["path"]) is not None:
-        axes.legend(loc="lower right", fontsize=6)
+        axes.legend(loc="lower right", fontsize=6, facecolor="black", labelcolor="white", framealpha=0.5)
         axes.set_title(f"held-out paths, error {error:.1%}")
