@@ -124,6 +124,11 @@ class FilmRegistration:
             motion, scale = self._register(motion, self._average(motion, points, scale), LAST, self.kept)
         return FittedBody(motion, scale)
 
+    def weigh(self, points: Points, *, scale: float) -> Float64[np.ndarray, " P"]:
+        """Weights of points, of sum one: the losses that they would have if they stayed where they are."""
+        losses = evaluate_loss(self._read_patch(points, LAST).away, scale=scale).numpy()
+        return losses / losses.sum()
+
     def _start(self, still: BodyMotion, points: Points) -> BodyMotion:
         """The motion that explains the derivative of the blurred picture by the state, outliers but little.
 

@@ -21,6 +21,7 @@ from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBo
 from lagsplat.matter.rest_picture import find_nearest_frames
 
 LABEL_BLUR_PX = 1.2  # over which pixels decide together to which body they belong
+CLEARLY = 0.1  # loss that a body saves at a pixel that belongs to it, over the largest; set by hand
 UNEXPLAINED = 0.5  # loss from which a residual is larger than its scale
 WINDOWS = 6  # parts of a region, whose motions are tried on all of it
 WINDOW = 0.5  # radius of a part, as a share of the size of what moves
@@ -97,9 +98,10 @@ def choose_body(film: FilmRegistration, region: Region, bending: int) -> FittedB
     points = film.choose_points(region)
     tried = [film.fit_motion(points, degree) for degree in range(bending + 1)]
     scale = min(each.scale for each in tried)
+    weight = film.weigh(points, scale=scale)
     losses = np.stack(
         [
-            film.measure_losses(each.motion, points, scale=scale, chosen=film.withheld).mean(1)
+            film.measure_losses(each.motion, points, scale=scale, chosen=film.withheld) @ weight
             for each in tried
         ]
     )
@@ -164,7 +166,7 @@ def measure_least_losses(
         for chosen in (film.kept, film.withheld)
     )
     number = kept.mean(1).argmin(0)
-    return withheld[number, :, np.arange(len(points))].mean(0)
+    return withheld[number, :, np.arange(len(points))].T @ film.weigh(points, scale=scale)
 
 
 def map_losses(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Float64[np.ndarray, "n H W"]:
@@ -178,11 +180,12 @@ def map_losses(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Float64[
 def label_pixels(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Int[np.ndarray, "H W"]:
     """Number of the body of each pixel at the mean state; -1 for the still background.
 
-    A pixel belongs to the body along whose motion it keeps its colour best. What has its colour in most
-    frames is background, unless a body surrounds it.
+    A pixel belongs to the body along whose motion it keeps its colour best, if standing still keeps it
+    clearly worse. What has its colour in most frames is background, unless a body surrounds it.
     """
-    smooth = np.stack([gaussian_filter(each, LABEL_BLUR_PX) for each in map_losses(film, bodies)])
-    labels = np.where(film.moving, smooth.argmin(0) - 1, -1)
+    still, *moved = (gaussian_filter(each, LABEL_BLUR_PX) for each in map_losses(film, bodies))
+    clear = film.moving & (still - np.min(moved, axis=0) > CLEARLY)
+    labels = np.where(clear, np.argmin(moved, axis=0), -1)
     for number in range(len(bodies)):
         labels[binary_fill_holes(labels == number) & (labels < 0)] = number
     return labels
@@ -208,8 +211,9 @@ def report_bodies(
     for body, points in zip(bodies, owned, strict=True):
         explained = 0.0
         if len(points):
+            weight = film.weigh(points, scale=body.scale)
             moved, stayed = (
-                film.measure_losses(motion, points, scale=body.scale, chosen=film.withheld).mean()
+                (film.measure_losses(motion, points, scale=body.scale, chosen=film.withheld) @ weight).mean()
                 for motion in (body.motion, None)
             )
             explained = float(1.0 - moved / stayed)
