@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.array_types import Series
 from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.forces.accuracy import are_alike, to_shape_error
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.matter.field import MatterField
@@ -64,8 +65,7 @@ class MaterialPaths:
         away = self.found[:, known] - self.true[:, known]
         way = self.true[:, known] - self.rest[known]
         found, true = (np.moveaxis(each[known], 2, 0) for each in (self.found_jacobian, self.jacobian))
-        product = (found * true).sum((1, 2))
-        cosine = product / np.sqrt((found**2).sum((1, 2)) * (true**2).sum((1, 2)))
+        cosine, _ = are_alike(found[:, None], true[:, None])
         sizes = np.linalg.norm(true, axis=2)
         moves = sizes > MOVES * np.quantile(sizes, 0.9, axis=1, keepdims=True)
         angles = np.degrees(
@@ -76,7 +76,7 @@ class MaterialPaths:
             "path": float(np.sqrt(np.mean(away**2) / np.mean(way**2))),
             "direction_deg": float(np.median(angles[moves])),
             "direction_deg_p90": float(np.quantile(angles[moves], 0.9)),
-            "shape": float(np.median(np.sqrt(1.0 - np.clip(cosine, 0.0, 1.0) ** 2))),
+            "shape": float(np.median(to_shape_error(cosine))),
         }
 
 

@@ -39,8 +39,8 @@ LAST = -1  # level of the sharpest film
 class FilmLevel:
     """A film and its picture at the mean state at one blur [px].
 
-    ``texture`` is the squared gradient of the picture [1/px^2], ``away`` the distance of its colours from
-    those of frames, the median.
+    ``slopes`` are the derivatives of the picture down and across [1/px], ``texture`` its squared gradient
+    [1/px^2], ``away`` the median distance of its colours from those of the frames.
     """
 
     def __init__(self, frames: Frames, q: Series, near: Int[np.ndarray, " k"], *, blur_px: float) -> None:
@@ -135,11 +135,9 @@ class FilmRegistration:
         It is too small, but away from the still background, which the uncovered pixels of a region keep.
         """
         column, row = points.long().unbind(1)
-        picture = self.levels[0].picture
-        down, across = (
-            torch.from_numpy(each)[row, column] for each in np.gradient(picture.color, axis=(0, 1))
-        )
-        change = torch.from_numpy(picture.slope).movedim(0, 3)[row, column]
+        first = self.levels[0]
+        down, across = (torch.from_numpy(each)[row, column] for each in first.slopes)
+        change = torch.from_numpy(first.picture.slope).movedim(0, 3)[row, column]
         at_rest = torch.zeros(1, still.d, dtype=torch.float64)
         by_pose = still.differentiate_by_pose(points, at_rest)[1][0]
         design = torch.stack([across, down], 2) @ by_pose

@@ -5,6 +5,7 @@ takes it. Displacements are finite: an infinitesimal one, the derivative of a pi
 by what a blurred picture cannot show.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
@@ -13,7 +14,7 @@ from scipy.stats import chi
 from torch import Tensor
 
 from lagsplat.array_types import Latents
-from lagsplat.matter.blurred_film import BlurredFilm
+from lagsplat.matter.blurred_film import BlurredFilm, Samples
 from lagsplat.matter.body_motion import BodyMotion, Points
 
 TUNING = 3.787
@@ -95,13 +96,7 @@ def measure_residuals(
     Without a motion the points stay where they are.
     """
     left = []
-    for part in cut_frames(len(q), len(patch.points) * CHANNELS**2):
-        places = (
-            patch.points.expand(len(q[part]), -1, -1)
-            if motion is None
-            else motion.carry(patch.points, q[part])
-        )
-        seen = film.sample(part, places)
+    for seen in _follow_points(film, patch.points, motion, q):
         left.append((seen.color - patch.colors).norm(dim=2).where(seen.inside, torch.nan))
     return torch.cat(left)
 
@@ -120,13 +115,7 @@ def average_colors(
     Pattern Analysis and Machine Intelligence 28 (2006).
     """
     total, weights = torch.zeros_like(patch.colors), patch.colors.new_zeros(len(patch.points), 1)
-    for part in cut_frames(len(q), len(patch.points) * CHANNELS**2):
-        places = (
-            patch.points.expand(len(q[part]), -1, -1)
-            if motion is None
-            else motion.carry(patch.points, q[part])
-        )
-        seen = film.sample(part, places)
+    for seen in _follow_points(film, patch.points, motion, q):
         share = scale**2 / (scale**2 + (seen.color - patch.colors).square().sum(2))
         weight = share.square().where(seen.inside, 0.0)[..., None]
         total += (weight * seen.color).sum(0)
@@ -134,11 +123,21 @@ def average_colors(
     return torch.where(weights > 0.0, total / weights.clamp(min=1e-300), patch.colors)
 
 
+def _follow_points(
+    film: BlurredFilm, points: Points, motion: BodyMotion | None, q: Latents
+) -> Iterator[Samples]:
+    """What points show in the frames at states, some frames at a time; without a motion they stay."""
+    for part in cut_frames(len(q), len(points) * CHANNELS**2):
+        some = q[part]
+        places = points.expand(len(some), -1, -1) if motion is None else motion.carry(points, some)
+        yield film.sample(part, places)
+
+
 def estimate_scale(residuals: Float[Tensor, "B P"], weight: Float[Tensor, " P"], *, noise: float) -> float:
     """Scale of the loss [colour] from the smaller residuals, where points count by a ``weight``.
 
-    Points without texture keep their colour under any motion, and those of the background where they are. The
-    larger residuals may be of another body.
+    Points without texture keep their colour under any motion and should hardly count. The larger residuals
+    may be of another body.
     """
     some = slice(None, None, max(1, residuals.numel() // MOST_RESIDUALS))
     values, order = residuals.flatten()[some].nan_to_num(torch.inf).sort()
