@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.config.compose import compose
-from lagsplat.forces.equilibrium import hold_at_load
+from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.runs.run import open_run
 from lagsplat.systems.video import make_space
 

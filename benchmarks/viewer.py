@@ -21,8 +21,8 @@ import torch
 
 from benchmarks.forces import default_law
 from lagsplat.config.compose import compose
-from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.report.figures.forces import turn_camera
 from lagsplat.runs.run import open_run
 from lagsplat.splat.cpu.slice import FrameRasterizer
@@ -100,24 +100,17 @@ def parts(d: int, n_inputs: int) -> dict[str, Callable[[], object]]:
 
 def object_at(operating_point: OperatingPoint) -> np.ndarray:
     """Where the matter is that moves most."""
-    kinematics = operating_point.kinematics
-    most = (
-        kinematics.geometry.jacobian.flatten(1).norm(dim=1)
-        * kinematics.presence(operating_point.rest[None])[0]
-    )
-    return kinematics.places(operating_point.rest[None])[0, most.argmax()].numpy()
+    matter, rest = operating_point.matter, operating_point.rest
+    most = matter.jacobian(rest).flatten(1).norm(dim=1).argmax()
+    return matter.carry(rest[None])[0, most].numpy()
 
 
 def hands_on(operating_point: OperatingPoint, side: int) -> tuple[Callable[[np.ndarray], np.ndarray], Drag]:
     """What draws a state, and a press on the object."""
-    renderer, at = (
-        open_renderer(operating_point, side=side),
-        object_at(operating_point),
-    )
+    renderer, at = open_renderer(operating_point, side=side), object_at(operating_point)
     if isinstance(renderer, ImageRenderer):
-        return renderer.draw, ImageDrag(
-            at.clip(1.0, [operating_point.kinematics.width - 1.0, operating_point.kinematics.height - 1.0])
-        )
+        inside = at.clip(1.0, [operating_point.width - 1.0, operating_point.height - 1.0])
+        return renderer.draw, ImageDrag(inside)
     turned = turn_camera(operating_point, YAW_DEG, PITCH_DEG)
     camera = replace(turned.resized(side, side), focal=(renderer.recording_camera.focal[0],) * 2)
     return lambda q: renderer.render_view(q, camera), RayDrag(
@@ -125,21 +118,16 @@ def hands_on(operating_point: OperatingPoint, side: int) -> tuple[Callable[[np.n
     )
 
 
-def grasp(session: Session, drag: Drag, now_s: float) -> None:
-    at, gaussian = drag.find_target(session.q)
-    session.grasp(at, gaussian=gaussian, requested_s=now_s)
-
-
 def measure_run(folder: str) -> None:
     run, settings = open_run(Path(folder)), compose()
-    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
+    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian, run.matter)
     recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     session = Session(operating_point, recorded, settings.viewer, settings.forces)
     draw, pull = hands_on(operating_point, settings.viewer.side)
     loopback_only = Session(operating_point, recorded, settings.viewer, settings.forces)
     steps, pictures = rate(loopback_only.step), rate(lambda: encoded(draw(loopback_only.q)))
     wide = ""
-    if operating_point.kinematics.space == 3:
+    if operating_point.matter.space == 3:
         draw_wide, side = hands_on(operating_point, settings.viewer.window)[0], settings.viewer.window
         wide = f" ({rate(lambda: encoded(draw_wide(loopback_only.q))):.0f} of {side} x {side})"
     taken: dict[float, float] = {}
@@ -152,7 +140,7 @@ def measure_run(folder: str) -> None:
     loop = RealtimeLoop(session, show, print)
     loop.start()
     began = time.perf_counter()
-    loop.submit(lambda s: grasp(s, pull, began))
+    loop.submit(lambda s: s.grasp(pull.find_target(s.q), requested_s=began))
     for i in range(DRAGS):
         pointer, now = pull.press + np.array([np.sin(0.3 * i), 0.0]), time.perf_counter()
         loop.submit(lambda s, pointer=pointer, now=now: s.pull(pull.displacement(pointer), requested_s=now))
@@ -161,8 +149,8 @@ def measure_run(folder: str) -> None:
     loop.stop()
     latency = statistics.median(taken.values())
     print(
-        f"{folder}: d = {operating_point.law.d}, {operating_point.kinematics.center.shape[0]} Gaussians in "
-        f"{operating_point.kinematics.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: "
+        f"{folder}: d = {operating_point.law.d}, {run.autoencoder.gaussians.n} Gaussians in "
+        f"{operating_point.matter.space} dimensions, recording at {1 / session.dt_s:.0f} Hz: "
         f"up to {steps:.0f} "
         f"session steps/s, {pictures:.0f} pictures/s{wide}; live "
         f"{kept[0]:.0f} steps/s and {kept[1]:.0f} pictures/s, drag to picture {latency:.1f} ms median, "

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lagsplat.chart.chart import Chart as Chart
     from lagsplat.config.compose import compose as compose
     from lagsplat.diagnose.effects.registry import list_effects as effects
-    from lagsplat.forces.equilibrium import OperatingPoint as OperatingPoint
+    from lagsplat.forces.operating_point import OperatingPoint as OperatingPoint
     from lagsplat.io.read import read_trajectory as read_trajectory
     from lagsplat.io.recording.recording import Recording as Recording
     from lagsplat.io.trajectory.trajectory import Trajectory as Trajectory
@@ -49,7 +49,7 @@ _HOMES = {
     "FittedRun": "lagsplat.runs.run",
     "Gaussians": "lagsplat.splat.gaussians",
     "Lagrangian": "lagsplat.stage2.lagrangian",
-    "OperatingPoint": "lagsplat.forces.equilibrium",
+    "OperatingPoint": "lagsplat.forces.operating_point",
     "Recording": "lagsplat.io.recording.recording",
     "Trajectory": "lagsplat.io.trajectory.trajectory",
     "apply_diagnosis": "lagsplat.pipelines.apply_diagnosis",

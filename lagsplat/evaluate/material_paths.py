@@ -7,17 +7,18 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float64
 
-from lagsplat.array_types import Series
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.forces.accuracy import are_alike, to_shape_error
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
+from lagsplat.forces.grasp import follow_places
 from lagsplat.matter.field import MatterField
 from lagsplat.systems.pushable import Pushable
 from lagsplat.systems.truth import Truth
 
 FRAMES = 400  # maximum number of frames, evenly spaced, at which places are compared
 STEP = 1e-3  # of a coordinate in the differences of the map to true coordinates
+REACH_PX = 2.0  # within which a true material point is one of the field
 MOVES = 0.3  # share of the 90th percentile of all ways from which a point has a direction
 
 
@@ -33,11 +34,11 @@ class MaterialPaths:
         found_jacobian: that of the field.
     """
 
-    rest: Float64[np.ndarray, "P 2"]
-    true: Float64[np.ndarray, "T P 2"]
-    found: Float64[np.ndarray, "T P 2"]
-    jacobian: Float64[np.ndarray, "P 2 d"]
-    found_jacobian: Float64[np.ndarray, "P 2 d"]
+    rest: Float64[np.ndarray, "P n"]
+    true: Float64[np.ndarray, "T P n"]
+    found: Float64[np.ndarray, "T P n"]
+    jacobian: Float64[np.ndarray, "P n d"]
+    found_jacobian: Float64[np.ndarray, "P n d"]
 
     @property
     def known(self) -> Bool[np.ndarray, " P"]:
@@ -85,39 +86,22 @@ def follow_material_points(
 ) -> MaterialPaths:
     """Follow the material points of a system through held-out frames.
 
-    The true state at the mean of the latents is read from a map that is fitted to training frames. A point
-    belongs to the body of the material point of the field that is nearest, within a pixel.
+    The true state at the mean of the latents is read from a map that is fitted to training frames.
     """
     n, d = chart.n_train, chart.d
     to_states = fit_polynomial(chart.train.latents, truth.states[:n])
     mean = to_states(np.zeros((1, d)))[0]
     shifts = STEP * np.eye(d)
     slope = ((to_states(shifts) - to_states(-shifts)) / (2 * STEP)).T
-    rest = system.pixels(mean[None])[0]
+    rest, zero = system.places(mean[None])[0], torch.zeros(d, dtype=torch.float64)
     held_out = np.arange(n, len(chart.latents))
     chosen = held_out[choose_evenly(len(held_out), FRAMES)]
-    found, jacobian = carry_points(matter, rest, chart.latents[chosen])
+    points, on_matter = follow_places(matter, zero, torch.from_numpy(rest), radius=REACH_PX)
+    known = on_matter.numpy()[:, None]
     return MaterialPaths(
         rest=rest,
-        true=system.pixels(truth.states[chosen]),
-        found=found,
+        true=system.places(truth.states[chosen]),
+        found=np.where(known, points.carry(torch.from_numpy(chart.latents[chosen])).numpy(), np.nan),
         jacobian=system.jacobian(mean) @ slope,
-        found_jacobian=jacobian,
+        found_jacobian=np.where(known[..., None], points.jacobian(zero).numpy(), np.nan),
     )
-
-
-def carry_points(
-    matter: MatterField, points: Float64[np.ndarray, "P 2"], q: Series
-) -> tuple[Float64[np.ndarray, "T P 2"], Float64[np.ndarray, "P 2 d"]]:
-    """Places at states of points at the mean state, and their motion there; NaN for those of no body."""
-    at, states = torch.from_numpy(points), torch.from_numpy(q)
-    distance, nearest = torch.cdist(at, matter.points).min(1)
-    number = matter.body[nearest].where(distance <= 1.0, -1)
-    places = np.full((len(q), *points.shape), np.nan)
-    slopes = np.full((*points.shape, matter.d), np.nan)
-    still = torch.zeros(1, matter.d, dtype=torch.float64)
-    for i, motion in enumerate(matter.bodies):
-        own = (number == i).numpy()
-        places[:, own] = motion.carry(at[number == i], states).numpy()
-        slopes[own] = motion.jacobian(at[number == i], still)[0].numpy()
-    return places, slopes

@@ -1,4 +1,6 @@
-"""A fitted law under a generalised force, with edited damping, inertia and stiffness."""
+"""A fitted law under a load, with edited damping, inertia and stiffness."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -6,6 +8,7 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.array_types import Inputs, Latents, Spd, Vector
+from lagsplat.forces.loads import ConstantLoad, Load, make_no_load
 from lagsplat.stage2.decoder_mass import InducedMass
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
@@ -15,23 +18,17 @@ Input = Float64[np.ndarray, " n_u"]
 
 
 class LoadedLagrangian(Lagrangian):
-    """The law ``base`` with a generalised force on its right-hand side; it shares the parameters.
+    """The law ``base`` with a load on its right-hand side; it shares the parameters.
 
-    ``load`` (d,), or (B, d) for one per sample, is in the law's energy per whitened unit. A constant load is
-    conservative with the potential ``-load.(q - q_r)``. The edit of the stiffness scales the elastic energy,
-    not the work of the inputs.
-
-    Raises:
-        ValueError: a load that is not finite.
+    A load is conservative: its potential is minus its work. The edit of the stiffness scales the elastic
+    energy, not the work of the inputs.
 
     Source: paper eq. (forced-eom) and Appendix, "Maintained force".
     """
 
-    def __init__(self, base: Lagrangian, load: Float[Tensor, "*B d"], *, edits: LawEdits = UNTOUCHED) -> None:
+    def __init__(self, base: Lagrangian, load: Load, *, edits: LawEdits = UNTOUCHED) -> None:
         torch.nn.Module.__init__(self)
         self.__dict__.update(base.__dict__)
-        if not bool(torch.isfinite(load).all()):
-            raise ValueError("a force is not finite: give finite numbers, in pixels and energy per pixel")
         self.load, self.edits = load, edits
 
     def mass(self, q: Latents) -> Spd:
@@ -44,7 +41,8 @@ class LoadedLagrangian(Lagrangian):
 
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
         """``V(q)``, edited, less the work of the load from the rest state."""
-        return self.edits.stiffness * super().potential(q) - ((q - self.rest) * self.load).sum(1)
+        work = self.load.work(q) - self.load.work(self.rest.expand_as(q))
+        return self.edits.stiffness * super().potential(q) - work
 
     def conservative_force(self, q: Latents, u: Inputs, ready: PreparedCoefficients) -> Latents:
         """Elastic force, edited, plus the forces of the inputs and the load."""
@@ -52,7 +50,7 @@ class LoadedLagrangian(Lagrangian):
         if self.edits.stiffness != 1.0:
             elastic = super().conservative_force(q, torch.zeros_like(u), ready)
             force = force + (self.edits.stiffness - 1.0) * elastic
-        return force + self.load
+        return force + self.load.generalise(q)
 
     def acceleration(
         self, q: Latents, v: Latents, u: Inputs, *, ready: PreparedCoefficients | None = None
@@ -69,28 +67,25 @@ def rollout_under_force(
     q0: Latents,
     v0: Latents,
     inputs: Float[Tensor, "B N n_u"],
-    loads: Float[Tensor, "B N d"],
+    loads: Sequence[Load],
     *,
     dt_s: float,
     edits: LawEdits = UNTOUCHED,
 ) -> tuple[Float[Tensor, "B N d"], Float[Tensor, "B N d"]]:
     """Roll out states and velocities [1/s] at ``N`` instants ``dt_s`` apart; the first is the given one.
 
-    Load ``i`` (see `lagsplat.forces.grasp.GraspPoint.pull_back`) and input ``i`` are constant from state
-    ``i`` to ``i + 1``. Never raises on divergence: a row that leaves the finite numbers stays outside them.
-
-    Raises:
-        ValueError: a load that is not finite.
+    Load ``i`` of ``N - 1`` and input ``i`` act from state ``i`` to ``i + 1``. Never raises on divergence: a
+    row that leaves the finite numbers stays outside them.
 
     Source: paper, "Interactive loop".
     """
     unit = float(law.time_unit_s)
-    loaded = LoadedLagrangian(law, loads, edits=edits)
+    loaded = LoadedLagrangian(law, make_no_load(law.d), edits=edits)
     ready = loaded.prepare()
     q, v = q0.double(), v0.double() * unit
     positions, velocities = [q], [v]
     for i in range(inputs.shape[1] - 1):
-        loaded.load = loads[:, i]
+        loaded.load = loads[i]
         q, v = advance(loaded, q, v, inputs[:, i].double(), step=dt_s / unit, ready=ready)
         positions.append(q)
         velocities.append(v)
@@ -102,7 +97,7 @@ class TorchLagrangian:
 
     def __init__(self, law: Lagrangian, *, edits: LawEdits = UNTOUCHED) -> None:
         self.edits, self.unit_s = edits, float(law.time_unit_s)
-        unloaded = torch.zeros(law.d, dtype=torch.float64)
+        unloaded = make_no_load(law.d)
         self.law, self.loaded = (LoadedLagrangian(law, unloaded, edits=edits) for _ in range(2))
         with torch.no_grad():
             self.ready = law.prepare()
@@ -110,7 +105,7 @@ class TorchLagrangian:
     @torch.no_grad()
     def step(self, q: Vector, v: Vector, u: Input, load: Vector, *, dt_s: float) -> tuple[Vector, Vector]:
         """State and velocity [1/s] ``dt_s`` later under constant input and generalised force."""
-        self.loaded.load = torch.from_numpy(load)
+        self.loaded.load = ConstantLoad(_row(load))
         now = (_row(q), _row(v * self.unit_s), _row(u))
         state, velocity = advance(self.loaded, *now, step=dt_s / self.unit_s, ready=self.ready)
         return state[0].numpy(), velocity[0].numpy() / self.unit_s

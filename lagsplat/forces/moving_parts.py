@@ -1,71 +1,64 @@
-"""Moving parts of an image: motion per pixel from drawn Jacobians, points to push, and the outline."""
+"""Moving parts of an image: motion per pixel, points to push, and the outline."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
-import torch
-from jaxtyping import Bool, Float, Float64
-from scipy.ndimage import binary_dilation, gaussian_filter, label, maximum_filter
+from jaxtyping import Bool, Float64
+from scipy.spatial import KDTree
 
-from lagsplat.chart.chart import Chart
+from lagsplat.array_types import Latent
 from lagsplat.forces.grasp import Point
-from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.matter.field import MatterField
+from lagsplat.views.camera import project_by_lens
 
-OUTLINE = 0.5  # share of the largest motion nearby from which a pixel is the object, not the wall beside it
-SMOOTH = 0.02  # width of the filter before the segmentation, as a share of the longer side
-AROUND = 5  # neighbourhoods along the longer side of the image
-LEAST = 0.15  # share of the 98th percentile of all motions: neighbourhoods that move less contain no object
-STILL = 0.02  # share of the 98th percentile below which a pixel is background
+STILL = 0.02  # share of the 98th percentile of all motions below which matter hardly moves
+LARGEST = 0.98  # quantile of the motions that is taken as the largest
+COVERED = 0.8  # distance of a pixel from the material point that it shows [px]: these are a pixel apart
 MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
 TIP = 0.85  # position of the tip along the same length
 
 
 @dataclass(frozen=True)
 class MovingParts:
-    """Motion of the matter in each pixel at a state."""
+    """Motion of the matter in each pixel at a state; none where there is no matter.
 
-    jacobian: Float64[np.ndarray, "H W n d"]  # motion per whitened unit [px]
-    motion: Float64[np.ndarray, "H W"]  # its norm, relative to the 98th percentile
+    Args:
+        jacobian: motion per whitened unit [px].
+        object: pixels that show matter which moves.
+    """
 
-    @cached_property
-    def relative(self) -> Float64[np.ndarray, "H W"]:
-        """Motion relative to the largest nearby, near 1 on the object; 0 on other parts that move."""
-        smooth = gaussian_filter(self.motion, SMOOTH * max(self.motion.shape))
-        around = maximum_filter(smooth, size=max(3, max(self.motion.shape) // AROUND))
-        share = smooth / np.maximum(around, LEAST)
-        parts, count = label(share > OUTLINE)
-        if not count:
-            return np.zeros_like(share)
-        largest = parts == 1 + np.bincount(parts[parts > 0] - 1).argmax()
-        return np.where(binary_dilation(largest), share * (largest | (share <= OUTLINE)), 0.0)
+    jacobian: Float64[np.ndarray, "H W n d"]
+    object: Bool[np.ndarray, "H W"]
 
     @property
-    def object(self) -> Bool[np.ndarray, "H W"]:
-        """Pixels of the object that moves."""
-        return self.relative > OUTLINE
+    def motion(self) -> Float64[np.ndarray, "H W"]:
+        """Size of the motion [px per whitened unit]."""
+        return np.linalg.norm(self.jacobian, axis=(2, 3))
 
 
-@torch.no_grad()
-def find_moving_parts(autoencoder: Autoencoder, chart: Chart, q: Float64[np.ndarray, " d"]) -> MovingParts:
-    """Draw the Jacobians of the Gaussians in place of their colours, over a background that does not move.
+def find_moving_parts(
+    matter: MatterField, q: Latent, *, height: int, width: int, lens: Sequence[float] | None = None
+) -> MovingParts:
+    """Find the matter that each pixel shows at a state.
 
-    Compositing is linear in the colours, so each pixel shows the Jacobian of the matter in it.
+    Args:
+        matter: of a run.
+        q: the state.
+        height, width: of the image [px].
+        lens: focal lengths and principal point (x, y, x, y) [px] of the recording camera, for matter in
+            space.
     """
-    model = autoencoder.gaussians
-    z = torch.from_numpy(chart.to_raw(q[None])).to(model.center)
-    drawn = model.condition(z)
-    jacobian = model.jacobian() @ torch.from_numpy(chart.unwhiten).to(model.center).T
-    channels = jacobian.flatten(1)
-    padded = torch.nn.functional.pad(channels, (0, -channels.shape[1] % 3))
-    nothing = torch.zeros_like(drawn.background)
-    scenes = [drawn._replace(color=part.contiguous(), background=nothing) for part in padded.split(3, 1)]
-    parts = torch.cat([autoencoder.draw(scene)[0] for scene in scenes])
-    channels_drawn = parts[: channels.shape[1]].double().cpu().numpy()
-    field = np.moveaxis(channels_drawn, 0, 2).reshape(autoencoder.height, autoencoder.width, model.space, -1)
-    motion = np.linalg.norm(field, axis=(2, 3))
-    return MovingParts(field, motion / max(float(np.quantile(motion, 0.98)), 1e-12))
+    places, slopes = matter.carry(q[None])[0].numpy(), matter.jacobian(q).numpy()
+    if lens is not None:
+        places = project_by_lens(places, lens)
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    distance, nearest = KDTree(places).query(np.stack([columns, rows], 2))
+    jacobian = np.where((distance <= COVERED)[:, :, None, None], slopes[nearest], 0.0)
+    motion = np.linalg.norm(slopes, axis=(1, 2))
+    moves = (motion > STILL * np.quantile(motion, LARGEST))[nearest]
+    return MovingParts(jacobian, (distance <= COVERED) & moves)
 
 
 def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
@@ -78,7 +71,7 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
         ValueError: nothing moves up or down on both sides.
     """
     lever = scene.jacobian[:, :, 1, 0]
-    usable = scene.object & _inside(scene.motion.shape, margin)
+    usable = scene.object & _inside(scene.object.shape, margin)
     if not (usable & (lever > 0)).any() or not (usable & (lever < 0)).any():
         raise ValueError("the object has no lever arms: no side moves down while the other moves up")
     far = {side: float(np.quantile(side * lever[usable & (side * lever > 0)], 0.95)) for side in (-1, 1)}
@@ -93,11 +86,10 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
     return points
 
 
-def choose_background_points(scene: MovingParts, count: int, *, margin: float) -> list[Point]:
-    """Choose up to ``count`` pixels that do not move, far from each other, the object and the edge."""
-    usable = (scene.motion < STILL) & _inside(scene.motion.shape, margin)
-    rows, columns = np.nonzero(usable)
-    apart = _distance(rows, columns, np.argwhere(scene.object))
+def choose_background_points(object: Bool[np.ndarray, "H W"], count: int, *, margin: float) -> list[Point]:
+    """Choose up to ``count`` pixels far from each other, the object and the edge."""
+    rows, columns = np.nonzero(~object & _inside(object.shape, margin))
+    apart = _distance(rows, columns, np.argwhere(object))
     points: list[Point] = []
     for _ in range(min(count, len(rows))):
         best = int(apart.argmax())
@@ -142,25 +134,9 @@ def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.n
     return away.min(1)
 
 
-CORE = 0.9  # share of the largest motion nearby from which a pixel certainly belongs to the object
-CUTS = 5  # iterations of GrabCut
-FOREGROUND = (cv2.GC_FGD, cv2.GC_PR_FGD)
-
-
-def draw_outline(image: Float[np.ndarray, "h w 3"], scene: MovingParts) -> Bool[np.ndarray, "h w"]:
-    """Segment the object by colour, starting from its motion; used for figures and outlines only.
-
-    Source: Rother, Kolmogorov and Blake, "GrabCut", ACM Transactions on Graphics 23 (2004), as in OpenCV.
-    """
-    size, maps = image.shape[1::-1], (scene.relative, scene.motion)
-    near, moves = (cv2.resize(each.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) for each in maps)
-    labels = np.where(near > OUTLINE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    labels[near > CORE] = cv2.GC_FGD
-    labels[moves < STILL] = cv2.GC_BGD
-    if not (np.isin(labels, FOREGROUND).any() and (~np.isin(labels, FOREGROUND)).any()):
-        return near > OUTLINE
-    cv2.setRNGSeed(0)
-    levels = (255 * image.clip(0.0, 1.0)).astype(np.uint8)
-    ground, thing = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(levels, labels, (0, 0, 1, 1), ground, thing, CUTS, cv2.GC_INIT_WITH_MASK)
-    return np.isin(labels, FOREGROUND)
+def draw_outline(scene: MovingParts, *, scale: int) -> Bool[np.ndarray, "h w"]:
+    """The pixels of what moves in a picture ``scale`` times as large, with a smooth boundary."""
+    height, width = scene.object.shape
+    size = (scale * width, scale * height)
+    smooth = cv2.resize(scene.object.astype(np.float32), size, interpolation=cv2.INTER_CUBIC)
+    return cv2.GaussianBlur(smooth, (0, 0), 0.5 * scale) > 0.5

@@ -21,11 +21,11 @@ Points = Float[Tensor, "P n"]
 class BodyMotion:
     """Where the points of a body are at other states, from where they are at the reference state.
 
-    With ``r = (x - center) / size`` a rigid body (``bending`` 0) moves ``x`` to
-    ``center + size (R(w) r + t)``, and one that bends to ``x + size C b(r)``, where ``b`` are the monomials
-    of ``r`` of the degrees 0 to ``bending``. The pose, ``(t, w)`` or ``C``, is ``coefficients`` (k, p) times
-    the monomials of the state of the degrees 1 to ``latent_degree``, which outside ``ball`` are of the
-    clipped state but for the linear ones.
+    With ``r = (x - center) / size`` a point moves from ``x`` to ``x + size A(q) b(r)``. A rigid body
+    (``bending`` 0) has ``b = (r, 1)`` and ``A = (R(w) - I, t)``; of one that bends, ``b`` are the monomials
+    of ``r`` of the degrees 0 to ``bending`` and ``A`` is free. The pose, ``(t, w)`` or ``A``, is
+    ``coefficients`` (k, p) times the monomials of the state of the degrees 1 to ``latent_degree``, which
+    outside ``ball`` are of the clipped state but for the linear ones.
     """
 
     center: Float[Tensor, " n"]  # [px]
@@ -60,30 +60,50 @@ class BodyMotion:
         exponents = list_exponents(self.d, lowest=1, highest=self.latent_degree)
         return evaluate_monomials(q, exponents, ball=self.ball, free_degree=1)
 
+    def evaluate_basis(self, points: Points) -> Float[Tensor, "P m"]:
+        """What ``A`` multiplies at each point; that of a weighted mean of points is the mean of theirs."""
+        relative = (points - self.center) / self.size
+        if not self.bending:
+            return torch.cat([relative, torch.ones_like(relative[:, :1])], 1)
+        exponents = list_exponents(self.space, lowest=0, highest=self.bending)
+        return evaluate_monomials(relative, exponents, ball=make_wide_ball(self.space))[0]
+
+    def displace(self, q: Latents) -> Float[Tensor, "B n m"]:
+        """``size A(q)``, which turns the basis of a point into its way from the reference state [px]."""
+        return self.size * self._assemble(self.poses(q)[0])
+
+    def differentiate(self, q: Latents) -> Float[Tensor, "B n m d"]:
+        """Derivatives of `displace` by the state."""
+        pose, slope = self.poses(q)
+        if self.bending:
+            return self.size * slope.unflatten(1, (self.space, -1))
+        n = self.space
+        eye = torch.eye(n, dtype=pose.dtype)
+        turned = torch.einsum("bjna,bad->bnjd", _differentiate_rotation(pose[:, n:], eye), slope[:, n:])
+        return self.size * torch.cat([turned, slope[:, :n, None]], 2)
+
     def carry(self, points: Points, q: Latents) -> Float[Tensor, "B P n"]:
         """Places of points at states [px]."""
-        return self._place(self._basis(points), points, self.poses(q)[0])
+        return points + self.evaluate_basis(points) @ self.displace(q).mT
 
     def differentiate_by_pose(
         self, points: Points, q: Latents
     ) -> tuple[Float[Tensor, "B P n"], Float[Tensor, "B P n p"]]:
         """Places of points at states, and their derivatives by the parameters of the pose [px]."""
-        basis, pose = self._basis(points), self.poses(q)[0]
-        place = self._place(basis, points, pose)
+        basis, pose = self.evaluate_basis(points), self.poses(q)[0]
+        place = points + self.size * basis @ self._assemble(pose).mT
         n, shape = self.space, (*place.shape, self.n_pose)
         if self.bending:
             slope = self.size * torch.einsum("pm,ij->pijm", basis, torch.eye(n, dtype=points.dtype))
             return place, slope.reshape(1, len(points), n, -1).expand(shape)
         slope = place.new_zeros(shape)
         slope[..., :n] = self.size * torch.eye(n, dtype=points.dtype)
-        turned = _differentiate_rotation(pose[:, n:], basis)
-        slope[..., n:] = self.size * turned
+        slope[..., n:] = self.size * _differentiate_rotation(pose[:, n:], basis[:, :n])
         return place, slope
 
     def jacobian(self, points: Points, q: Latents) -> Float[Tensor, "B P n d"]:
         """Motion of points per whitened unit at states [px]."""
-        by_pose = self.differentiate_by_pose(points, q)[1]
-        return torch.einsum("bxnp,bpd->bxnd", by_pose, self.poses(q)[1])
+        return torch.einsum("bnmd,pm->bpnd", self.differentiate(q), self.evaluate_basis(points))
 
     def with_latent_degree(self, degree: int) -> "BodyMotion":
         """The same motion, with polynomials of another degree of the state."""
@@ -93,22 +113,12 @@ class BodyMotion:
         coefficients[:kept] = self.coefficients[:kept]
         return replace(self, latent_degree=degree, coefficients=coefficients)
 
-    def _basis(self, points: Points) -> Float[Tensor, "P m"]:
-        """What a pose multiplies at each point: the place itself, or monomials of it."""
-        relative = (points - self.center) / self.size
-        if not self.bending:
-            return relative
-        exponents = list_exponents(self.space, lowest=0, highest=self.bending)
-        return evaluate_monomials(relative, exponents, ball=make_wide_ball(self.space))[0]
-
-    def _place(
-        self, basis: Float[Tensor, "P m"], points: Points, pose: Float[Tensor, "B p"]
-    ) -> Float[Tensor, "B P n"]:
+    def _assemble(self, pose: Float[Tensor, "B p"]) -> Float[Tensor, "B n m"]:
         n = self.space
         if self.bending:
-            return points + self.size * (basis @ pose.unflatten(1, (n, -1)).mT)
-        turned = basis @ torch.linalg.matrix_exp(_make_skew(pose[:, n:])).mT
-        return self.center + self.size * (turned + pose[:, None, :n])
+            return pose.unflatten(1, (n, -1))
+        turn = torch.linalg.matrix_exp(_make_skew(pose[:, n:])) - torch.eye(n, dtype=pose.dtype)
+        return torch.cat([turn, pose[:, :n, None]], 2)
 
 
 def make_body_at_rest(points: Points, ball: Ball, *, bending: int) -> BodyMotion:

@@ -1,7 +1,8 @@
 """The matter of a film: material points, the body each belongs to, and how the bodies move with the state."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,64 @@ SCHEMA = 1
 # Set by hand, with the simulated rocker, pendulum and two-segment arm in view.
 LEAST_EXPLAINED = 0.5  # of the loss of a still picture that the motion of a body saves
 MOST_UNEXPLAINED = 0.1  # of the moving pixels that belong to no body
+
+
+@dataclass(frozen=True)
+class MaterialPoints:
+    """``N`` points of matter, each a weighted mean of material points; what no body moves stays.
+
+    Args:
+        at: places at the mean state, where all latents are zero [px].
+        bodies: how each body moves.
+        bases: for each body, the weighted means of its basis (`BodyMotion.evaluate_basis`), zero for points
+            of other bodies.
+    """
+
+    at: Float[Tensor, "N n"]
+    bodies: tuple[BodyMotion, ...]
+    bases: tuple[Float[Tensor, "N m"], ...]
+
+    def __len__(self) -> int:
+        return len(self.at)
+
+    def __getitem__(self, rows: slice | Int[Tensor, " M"]) -> "MaterialPoints":
+        return MaterialPoints(self.at[rows], self.bodies, tuple(basis[rows] for basis in self.bases))
+
+    def carry(self, q: Latents) -> Float[Tensor, "B N n"]:
+        """Places of all points at each state [px]."""
+        ways = [basis @ body.displace(q).mT for body, basis in zip(self.bodies, self.bases, strict=True)]
+        return self.at + torch.stack(ways).sum(0)
+
+    def carry_each(self, q: Float[Tensor, "N d"]) -> Float[Tensor, "N n"]:
+        """Place of each point at a state of its own [px]."""
+        pairs = zip(self.bodies, self.bases, strict=True)
+        ways = [torch.einsum("bnm,bm->bn", body.displace(q), basis) for body, basis in pairs]
+        return self.at + torch.stack(ways).sum(0)
+
+    def differentiate_each(self, q: Float[Tensor, "N d"]) -> Float[Tensor, "N n d"]:
+        """Motion of each point per whitened unit, at a state of its own [px]."""
+        pairs = zip(self.bodies, self.bases, strict=True)
+        return torch.stack(
+            [torch.einsum("bnmd,bm->bnd", body.differentiate(q), basis) for body, basis in pairs]
+        ).sum(0)
+
+    def jacobian(self, q: Latent) -> Float[Tensor, "N n d"]:
+        """Motion of all points per whitened unit at one state [px]."""
+        pairs = zip(self.bodies, self.bases, strict=True)
+        slopes = [torch.einsum("nmd,pm->pnd", body.differentiate(q[None])[0], basis) for body, basis in pairs]
+        return torch.stack(slopes).sum(0)
+
+    def passing(self, places: Float[Tensor, "N n"], q: Latent) -> "MaterialPoints":
+        """The points of the same bodies that are at ``places`` [px] in the state ``q``, if these are near."""
+        return replace(self, at=self.at + places - self.carry(q[None])[0])
+
+
+def join_points(parts: Sequence[MaterialPoints]) -> MaterialPoints:
+    """Points of one field in one batch, in their order."""
+    bases = zip(*(part.bases for part in parts), strict=True)
+    return MaterialPoints(
+        torch.cat([part.at for part in parts]), parts[0].bodies, tuple(torch.cat(each) for each in bases)
+    )
 
 
 @dataclass(frozen=True)
@@ -55,21 +114,26 @@ class MatterField:
         """Number of spatial dimensions."""
         return self.points.shape[1]
 
+    @cached_property
+    def every(self) -> MaterialPoints:
+        """All material points."""
+        own = [(self.body == number)[:, None] for number in range(len(self.bodies))]
+        pairs = zip(self.bodies, own, strict=True)
+        bases = [body.evaluate_basis(self.points).where(mine, 0.0) for body, mine in pairs]
+        return MaterialPoints(self.points, self.bodies, tuple(bases))
+
     def carry(self, q: Latents) -> Float[Tensor, "B P n"]:
         """Places of all points at states [px]."""
-        places = self.points.expand(len(q), -1, -1).clone()
-        for number, motion in enumerate(self.bodies):
-            own = self.body == number
-            places[:, own] = motion.carry(self.points[own], q)
-        return places
+        return self.every.carry(q)
 
     def jacobian(self, q: Latent) -> Float[Tensor, "P n d"]:
         """Motion of all points per whitened unit at a state [px]."""
-        slopes = self.points.new_zeros(*self.points.shape, self.d)
-        for number, motion in enumerate(self.bodies):
-            own = self.body == number
-            slopes[own] = motion.jacobian(self.points[own], q[None])[0]
-        return slopes
+        return self.every.jacobian(q)
+
+    def average(self, weights: Float[Tensor, "N P"]) -> MaterialPoints:
+        """Weighted means of material points; without any weight a point is still ground."""
+        every = self.every
+        return MaterialPoints(weights @ every.at, self.bodies, tuple(weights @ each for each in every.bases))
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,28 @@
-"""The frames of a film that are registered, sharp and blurred, and motions that are fitted to them.
+"""The frames that are registered, sharp and blurred, of one camera or several, and motions fitted to them.
 
 Frames near the mean state come first, blurred, and then the others and sharper ones.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float64, Int
 from scipy.stats import chi
+from torch import Tensor
 
-from lagsplat.array_types import Frames, Series
-from lagsplat.matter.blurred_film import BlurredFilm
+from lagsplat.array_types import Series
+from lagsplat.matter.blurred_film import (
+    MOSTLY,
+    BlurredFilm,
+    CameraFilm,
+    Samples,
+    blur_frames,
+    sample_films,
+)
 from lagsplat.matter.body_motion import BodyMotion, Points, make_body_at_rest
+from lagsplat.matter.occlusion import DepthBuffer
 from lagsplat.matter.registration import (
     Patch,
     average_colors,
@@ -34,23 +44,28 @@ FEWEST = 12  # pixels of a body
 MOST_POINTS = 2000  # of a body that are registered
 STAYS = float(chi(3).ppf(0.99))  # deviations of a colour's noise that a pixel which stays as it is keeps to
 LAST = -1  # level of the sharpest film
+LEAST_WEIGHT = 1e-12  # of a camera in the mean over cameras, so that there is one
 
 
 class FilmLevel:
-    """A film and its picture at the mean state at one blur [px].
+    """The film of a camera, and its picture at the mean state, at one blur [px].
 
-    ``slopes`` are the derivatives of the picture down and across [1/px], ``texture`` its squared gradient
-    [1/px^2], ``away`` the median distance of its colours from those of the frames.
+    ``away`` is the median distance of the picture's colours from those of the frames. The images of ``maps``
+    are the picture, its derivative by each latent, and ``away`` in place of all three colours.
     """
 
-    def __init__(self, frames: Frames, q: Series, near: Int[np.ndarray, " k"], *, blur_px: float) -> None:
-        self.film = BlurredFilm(frames, blur_px=blur_px)
-        self.picture = fit_rest_picture(frames[near], q[near], blur_px=blur_px)
-        color = self.picture.color
-        self.slopes = np.gradient(color, axis=(0, 1))
-        self.texture = np.square(self.slopes).sum((0, 3))
-        colors = self.film.channels[:, :3].movedim(1, 3).numpy()
-        self.away = np.median(np.linalg.norm(colors - color, axis=3), axis=0)
+    def __init__(self, source: CameraFilm, q: Series, near: Int[np.ndarray, " k"], *, blur_px: float) -> None:
+        colors, share = blur_frames(source, blur_px=blur_px)
+        picture = fit_rest_picture(colors[near], q[near])
+        distance = np.linalg.norm(colors - picture.color, axis=3)
+        if share is not None:
+            distance *= share > MOSTLY
+        self.noise, self.away = picture.noise, np.median(distance, axis=0)
+        apart = self.away[..., None].repeat(3, axis=2)
+        maps = np.stack([picture.color, *picture.slope, apart]).astype(np.float32)
+        known = None if share is None else np.broadcast_to(share[near].min(0), maps.shape[:3])
+        self.film = BlurredFilm(colors, source.camera, share)
+        self.maps = BlurredFilm(maps, source.camera, known)
 
 
 @dataclass(frozen=True)
@@ -63,11 +78,13 @@ class FittedBody:
 
 
 class FilmRegistration:
-    """A film to whose frames motions are fitted.
+    """Films to whose frames motions are fitted.
 
     Args:
-        frames: of the film, some near the mean state, and others at random.
-        q: their states [whitened units].
+        films: of one camera or several, some frames near the mean state, and others at random. The first
+            camera is that of the recording, on whose pixels bodies are found.
+        points: what each pixel of the recording shows at the mean state, row by row [px]; NaN if unknown.
+        q: states of the frames [whitened units].
         near: numbers of those near the mean state.
         latent_degree: of the polynomials of the state that poses are.
 
@@ -75,27 +92,35 @@ class FilmRegistration:
         ValueError: nothing moves near the mean state, or too few frames are near it.
     """
 
-    def __init__(self, frames: Frames, q: Series, near: Int[np.ndarray, " k"], latent_degree: int) -> None:
+    def __init__(
+        self,
+        films: Sequence[CameraFilm],
+        points: Points,
+        q: Series,
+        near: Int[np.ndarray, " k"],
+        latent_degree: int,
+    ) -> None:
         self.q, self.latent_degree = torch.from_numpy(q), latent_degree
         self.ball = enclose_states(self.q)
-        self.height, self.width = frames.shape[1:3]
+        self.height, self.width = films[0].frames.shape[1:3]
         self.distance = np.linalg.norm(q, axis=1)
-        columns, rows = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
-        self.pixels = torch.from_numpy(np.stack([columns.ravel(), rows.ravel()], axis=1))
-        sharp = FilmLevel(frames, q, near, blur_px=SHARPEST_PX)
-        self.noise = sharp.picture.noise
-        self.moving = sharp.away > STAYS * self.noise
+        self.known = points.isfinite().all(1).view(self.height, self.width).numpy()
+        self.points = points.nan_to_num(nan=0.0)  # which no camera shows
+        self.buffers = [DepthBuffer(points, film.camera) for film in films[1:] if film.camera]
+        sharp = FilmLevel(films[0], q, near, blur_px=SHARPEST_PX)
+        self.noise = sharp.noise
+        self.moving = self.known & (sharp.away > STAYS * self.noise)
         if self.moving.sum() < FEWEST:
+            deep = "" if self.known.all() else " and have a depth"
             raise ValueError(
-                f"only {int(self.moving.sum())} pixels change their colour in most frames: there is no "
+                f"only {int(self.moving.sum())} pixels change their colour in most frames{deep}: there is no "
                 "matter to register. Look at reconstruction.png: does anything move?"
             )
-        places = self.pixels[torch.from_numpy(self.moving.ravel())]
-        self.size = float((places - places.mean(0)).square().sum(1).mean().sqrt())
-        blurs = [
-            max(SHARPEST_PX, COARSEST * self.size / 2**i) for i in range(1 + max(leg[1] for leg in LEGS))
-        ]
-        self.levels = [FilmLevel(frames, q, near, blur_px=blur_px) for blur_px in blurs]
+        moving = torch.from_numpy(self.moving.ravel())
+        self.size = measure_size(self.points[moving])
+        coarsest = COARSEST * measure_size(list_pixels(self.height, self.width)[moving])
+        blurs = [max(SHARPEST_PX, coarsest / 2**i) for i in range(1 + max(leg[1] for leg in LEGS))]
+        self.levels = [[FilmLevel(each, q, near, blur_px=blur_px) for each in films] for blur_px in blurs]
         everything = np.arange(len(q))
         rank = np.argsort(np.argsort(self.distance, kind="stable"), kind="stable")
         self.withheld = everything[rank % WITHHELD == WITHHELD - 1]
@@ -106,7 +131,7 @@ class FilmRegistration:
         at = np.flatnonzero(region.ravel())
         if len(at) > MOST_POINTS:
             at = at[np.linspace(0, len(at) - 1, MOST_POINTS).astype(int)]
-        return self.pixels[torch.from_numpy(at)]
+        return self.points[torch.from_numpy(at)]
 
     def fit_motion(self, points: Points, bending: int) -> FittedBody:
         """Fit a motion leg by leg, and then to the picture that the registered frames show on average."""
@@ -126,7 +151,7 @@ class FilmRegistration:
 
     def weigh(self, points: Points, *, scale: float) -> Float64[np.ndarray, " P"]:
         """Weights of points, of sum one: the losses that they would have if they stayed where they are."""
-        losses = evaluate_loss(self._read_patch(points, LAST).away, scale=scale).numpy()
+        losses = evaluate_loss(self._read_patch(points, LAST).away, scale=scale).mean(0).numpy()
         return losses / losses.sum()
 
     def _start(self, still: BodyMotion, points: Points) -> BodyMotion:
@@ -134,13 +159,11 @@ class FilmRegistration:
 
         It is too small, but away from the still background, which the uncovered pixels of a region keep.
         """
-        column, row = points.long().unbind(1)
-        first = self.levels[0]
-        down, across = (torch.from_numpy(each)[row, column] for each in first.slopes)
-        change = torch.from_numpy(first.picture.slope).movedim(0, 3)[row, column]
+        seen = self._read_maps(points, 0)
+        inside = seen.inside[0]
+        change = seen.color[1:-1].movedim(0, 3)[inside]
         at_rest = torch.zeros(1, still.d, dtype=torch.float64)
-        by_pose = still.differentiate_by_pose(points, at_rest)[1][0]
-        design = torch.stack([across, down], 2) @ by_pose
+        design = (seen.gradient[0] @ still.differentiate_by_pose(points, at_rest)[1][0])[inside]
         coefficients = still.coefficients
         for _ in range(STARTS):
             left = change + design @ coefficients.T
@@ -159,30 +182,51 @@ class FilmRegistration:
     ) -> Float64[np.ndarray, "B P"]:
         """Losses of points in some frames, against their average colours in those that were registered.
 
-        Without a motion the points stay where they are.
+        They are means over cameras, which count by the loss that the point would have if it stayed: from some
+        sides it is hidden. Without a motion the points stay where they are.
         """
         frames, patch = torch.from_numpy(chosen), self._average(motion, points, scale)
-        film = self.levels[LAST].film.select(frames)
-        left = measure_residuals(film, patch, motion, self.q[frames])
-        return evaluate_loss(left, scale=scale).numpy()
+        left = measure_residuals(self._select(LAST, frames), patch, motion, self.q[frames])
+        weight = evaluate_loss(patch.away, scale=scale) + LEAST_WEIGHT
+        return ((evaluate_loss(left, scale=scale) * weight).sum(1) / weight.sum(0)).numpy()
 
     def _register(
         self, motion: BodyMotion, patch: Patch, level: int, chosen: Int[np.ndarray, " B"]
     ) -> tuple[BodyMotion, float]:
         frames = torch.from_numpy(chosen)
-        film = self.levels[level].film.select(frames)
-        return register_body(film, patch, motion, self.q[frames], noise=self.noise)
+        return register_body(self._select(level, frames), patch, motion, self.q[frames], noise=self.noise)
 
     def _average(self, motion: BodyMotion | None, points: Points, scale: float) -> Patch:
         """Points with the colours that they have on average in the registered frames."""
         frames, patch = torch.from_numpy(self.kept), self._read_patch(points, LAST)
-        film = self.levels[LAST].film.select(frames)
-        colors = average_colors(film, patch, motion, self.q[frames], scale=scale)
+        colors = average_colors(self._select(LAST, frames), patch, motion, self.q[frames], scale=scale)
         return replace(patch, colors=colors)
 
+    def _select(self, level: int, frames: Int[Tensor, " B"]) -> list[BlurredFilm]:
+        return [each.film.select(frames) for each in self.levels[level]]
+
     def _read_patch(self, points: Points, level: int) -> Patch:
-        """Pixels of the picture at the mean state."""
-        column, row = points.long().unbind(1)
-        at = self.levels[level]
-        maps = (at.picture.color, at.texture, at.away)
-        return Patch(points, *(torch.from_numpy(each)[row, column].double() for each in maps))
+        """Points of the pictures at the mean state."""
+        seen = self._read_maps(points, level)
+        inside, gradient = seen.inside[0], seen.gradient[0]
+        texture, away = gradient.square().sum((2, 3)), seen.color[-1, ..., 0].clamp(min=0.0)
+        return Patch(points, seen.color[0], texture.where(inside, 0.0), away.where(inside, 0.0))
+
+    def _read_maps(self, points: Points, level: int) -> Samples:
+        """Read the maps of each camera where it sees points; inside is what nothing hides from it."""
+        maps = [each.maps for each in self.levels[level]]
+        seen = sample_films(maps, slice(None), points.expand(2 + self.q.shape[1], -1, -1))
+        for number, buffer in enumerate(self.buffers, start=1):
+            seen.inside[:, number] &= buffer.shows(points)
+        return seen
+
+
+def list_pixels(height: int, width: int) -> Points:
+    """Centres of the pixels of an image, row by row [px]."""
+    rows, columns = torch.arange(height).double() + 0.5, torch.arange(width).double() + 0.5
+    return torch.cartesian_prod(rows, columns).flip(1)
+
+
+def measure_size(points: Points) -> float:
+    """Root mean square distance of points from their mean [px]."""
+    return float((points - points.mean(0)).square().sum(1).mean().sqrt())

@@ -1,4 +1,4 @@
-"""Finds the bodies of a film and how each moves with the state.
+"""Finds the bodies of a film and how each moves with the state, in the image plane or in space.
 
 A body moves as simply as withheld frames allow: rigidly, or by a smooth field of a degree as low as can be.
 What moves is one body unless several explain withheld frames better.
@@ -14,11 +14,13 @@ from jaxtyping import Bool, Float64, Int
 from scipy.ndimage import binary_fill_holes, gaussian_filter
 
 from lagsplat.array_types import Frames, Series
+from lagsplat.matter.blurred_film import CameraFilm
 from lagsplat.matter.body_motion import BodyMotion, Points
 from lagsplat.matter.config import MatterConfig
 from lagsplat.matter.field import LEAST_EXPLAINED, BodyReport, MatterField, MatterReport
-from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody
+from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody, list_pixels
 from lagsplat.matter.rest_picture import find_nearest_frames
+from lagsplat.matter.scene import MatterScene
 
 LABEL_BLUR_PX = 1.2  # over which pixels decide together to which body they belong
 CLEARLY = 0.1  # loss that a body saves at a pixel that belongs to it, over the largest; set by hand
@@ -30,7 +32,7 @@ Region = Bool[np.ndarray, "H W"]
 
 
 def fit_matter(
-    frames: Frames, q: Series, config: MatterConfig, *, seed: int = 0
+    frames: Frames, q: Series, config: MatterConfig, *, seed: int = 0, scene: MatterScene | None = None
 ) -> tuple[MatterField, MatterReport]:
     """Find the bodies of a film, and how they move with the state.
 
@@ -39,16 +41,21 @@ def fit_matter(
         q: their states as encoded [whitened units].
         config: settings.
         seed: of the choice of frames.
+        scene: what else is known of space, whose matter is then found; None finds that of the image plane.
 
     Raises:
-        ValueError: nothing moves near the mean state, or the film is too short.
+        ValueError: nothing moves near the mean state, the film is too short, or the scene is of another one.
     """
     started_s, rng = time.perf_counter(), np.random.default_rng(seed)
     near = find_nearest_frames(q)
     chosen = np.unique(np.concatenate([near, rng.choice(len(q), min(len(q), config.frames), replace=False)]))
     degree = config.latent_degree or (3 if q.shape[1] == 1 else 2)
     of_near = np.flatnonzero(np.isin(chosen, near))
-    film = FilmRegistration(np.asarray(frames[chosen]), q[chosen], of_near, degree)
+    if scene is None:
+        films, points = [CameraFilm(np.asarray(frames[chosen]))], list_pixels(*frames.shape[1:3])
+    else:
+        films, points = scene.collect_films(frames, chosen), scene.lift_pixels()
+    film = FilmRegistration(films, points, q[chosen], of_near, degree)
     bodies = choose_bodies(film, config)
     owned = list_points(film, bodies)
     matter = MatterField(
@@ -125,13 +132,12 @@ def split_region(film: FilmRegistration, region: Region, most: int) -> list[Regi
     while len(regions) < most and left.sum() >= FEWEST:
         windows = [film.fit_motion(points, 0) for points in cut_windows(film.choose_points(left), film.size)]
         scale = float(np.median([each.scale for each in windows]))
-        points = film.pixels[torch.from_numpy(np.flatnonzero(left.ravel()))]
+        points = film.points[torch.from_numpy(np.flatnonzero(left.ravel()))]
         follow = []
         for each in windows:
             loss = np.ones(left.size)
-            loss[left.ravel()] = film.measure_losses(each.motion, points, scale=scale, chosen=film.kept).mean(
-                0
-            )
+            kept = film.measure_losses(each.motion, points, scale=scale, chosen=film.kept)
+            loss[left.ravel()] = kept.mean(0)
             follow.append(left & (gaussian_filter(loss.reshape(left.shape), LABEL_BLUR_PX) < UNEXPLAINED))
         largest = max(follow, key=np.sum)
         if largest.sum() < FEWEST:
@@ -173,7 +179,7 @@ def map_losses(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Float64[
     """Mean loss of every pixel over all frames, if it stands still and if it moves with each body."""
     scale, every = min(each.scale for each in bodies), np.arange(len(film.q))
     motions: list[BodyMotion | None] = [None, *(each.motion for each in bodies)]
-    losses = [film.measure_losses(each, film.pixels, scale=scale, chosen=every).mean(0) for each in motions]
+    losses = [film.measure_losses(each, film.points, scale=scale, chosen=every).mean(0) for each in motions]
     return np.stack(losses).reshape(-1, film.height, film.width)
 
 
@@ -187,7 +193,7 @@ def label_pixels(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Int[np
     clear = film.moving & (still - np.min(moved, axis=0) > CLEARLY)
     labels = np.where(clear, np.argmin(moved, axis=0), -1)
     for number in range(len(bodies)):
-        labels[binary_fill_holes(labels == number) & (labels < 0)] = number
+        labels[binary_fill_holes(labels == number) & (labels < 0) & film.known] = number
     return labels
 
 
@@ -200,7 +206,7 @@ def find_unexplained(film: FilmRegistration, bodies: Sequence[FittedBody]) -> Re
 def list_points(film: FilmRegistration, bodies: Sequence[FittedBody]) -> list[Points]:
     """Pixels at the mean state that belong to each body."""
     labels = label_pixels(film, bodies).ravel()
-    return [film.pixels[torch.from_numpy(np.flatnonzero(labels == i))] for i in range(len(bodies))]
+    return [film.points[torch.from_numpy(np.flatnonzero(labels == i))] for i in range(len(bodies))]
 
 
 def report_bodies(

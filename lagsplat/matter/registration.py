@@ -5,7 +5,7 @@ takes it. Displacements are finite: an infinitesimal one, the derivative of a pi
 by what a blurred picture cannot show.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -14,7 +14,7 @@ from scipy.stats import chi
 from torch import Tensor
 
 from lagsplat.array_types import Latents
-from lagsplat.matter.blurred_film import BlurredFilm, Samples
+from lagsplat.matter.blurred_film import BlurredFilm, Samples, sample_films
 from lagsplat.matter.body_motion import BodyMotion, Points
 
 TUNING = 3.787
@@ -30,29 +30,29 @@ FIRST_DAMPING, LEAST_DAMPING, TRIALS = 1e-3, 1e-9, 6  # of Levenberg and Marquar
 OUTSIDE = 0.5  # loss of a point outside the image, of which nothing is known, over the largest
 CHUNK = 4_000_000  # numbers of a Jacobian at a time
 
-Colors = Float[Tensor, "P 3"]
+Colors = Float[Tensor, "C P 3"]
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Points of the picture at the reference state.
+    """Points of the pictures of all cameras at the reference state.
 
     Args:
         points: their places [px].
-        colors: what the picture shows there, blurred as a film is.
-        texture: squared gradient of the picture there [1/px^2]: how much a point tells of its motion.
+        colors: what a picture shows there, blurred as a film is.
+        texture: squared gradient of a picture there [1/px^2]: how much a point tells of its motion.
         away: distance of the colours from those of most frames in the same place: what stays where it is has
-            none, and tells of no motion.
+            none, and tells of no motion. Nor does what a picture does not show.
     """
 
     points: Points
     colors: Colors
-    texture: Float[Tensor, " P"]
-    away: Float[Tensor, " P"]
+    texture: Float[Tensor, "C P"]
+    away: Float[Tensor, "C P"]
 
 
 def register_body(
-    film: BlurredFilm,
+    films: Sequence[BlurredFilm],
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
@@ -64,7 +64,7 @@ def register_body(
     The scale of the loss follows the residuals, and so falls as the fit gets better.
 
     Args:
-        film: with a frame for each state of ``q``.
+        films: one for each camera, with a frame for each state of ``q``.
         patch: points that may belong to the body.
         motion: the start.
         noise: standard deviation of a colour of the film, below which no residual is taken seriously.
@@ -77,32 +77,32 @@ def register_body(
     """
     scale = torch.inf
     for _ in range(SCALES):
-        residuals = measure_residuals(film, patch, motion, q)
+        residuals = measure_residuals(films, patch, motion, q)
         before, scale = scale, estimate_scale(residuals, patch.texture, noise=noise)
         if scale > SAME * before:
             break
-        motion = _descend(film, patch, motion, q, scale=scale)
+        motion = _descend(films, patch, motion, q, scale=scale)
     return motion, scale
 
 
 def measure_residuals(
-    film: BlurredFilm,
+    films: Sequence[BlurredFilm],
     patch: Patch,
     motion: BodyMotion | None,
     q: Latents,
-) -> Float[Tensor, "B P"]:
-    """Distance of the colours that points have in frames from those in the picture; NaN outside the image.
+) -> Float[Tensor, "B C P"]:
+    """Distance of the colours that points have in frames from those in the pictures; NaN outside the image.
 
     Without a motion the points stay where they are.
     """
     left = []
-    for seen in _follow_points(film, patch.points, motion, q):
-        left.append((seen.color - patch.colors).norm(dim=2).where(seen.inside, torch.nan))
+    for seen in _follow_points(films, patch, motion, q):
+        left.append((seen.color - patch.colors).norm(dim=3).where(seen.inside, torch.nan))
     return torch.cat(left)
 
 
 def average_colors(
-    film: BlurredFilm,
+    films: Sequence[BlurredFilm],
     patch: Patch,
     motion: BodyMotion | None,
     q: Latents,
@@ -114,9 +114,9 @@ def average_colors(
     Source: Learned-Miller, Data Driven Image Models through Continuous Joint Alignment, IEEE Transactions on
     Pattern Analysis and Machine Intelligence 28 (2006).
     """
-    total, weights = torch.zeros_like(patch.colors), patch.colors.new_zeros(len(patch.points), 1)
-    for seen in _follow_points(film, patch.points, motion, q):
-        share = scale**2 / (scale**2 + (seen.color - patch.colors).square().sum(2))
+    total, weights = torch.zeros_like(patch.colors), torch.zeros_like(patch.colors[..., :1])
+    for seen in _follow_points(films, patch, motion, q):
+        share = scale**2 / (scale**2 + (seen.color - patch.colors).square().sum(3))
         weight = share.square().where(seen.inside, 0.0)[..., None]
         total += (weight * seen.color).sum(0)
         weights += weight.sum(0)
@@ -124,16 +124,17 @@ def average_colors(
 
 
 def _follow_points(
-    film: BlurredFilm, points: Points, motion: BodyMotion | None, q: Latents
+    films: Sequence[BlurredFilm], patch: Patch, motion: BodyMotion | None, q: Latents
 ) -> Iterator[Samples]:
     """What points show in the frames at states, some frames at a time; without a motion they stay."""
-    for part in cut_frames(len(q), len(points) * CHANNELS**2):
+    points = patch.points
+    for part in cut_frames(len(q), patch.colors.numel() * CHANNELS):
         some = q[part]
         places = points.expand(len(some), -1, -1) if motion is None else motion.carry(points, some)
-        yield film.sample(part, places)
+        yield sample_films(films, part, places)
 
 
-def estimate_scale(residuals: Float[Tensor, "B P"], weight: Float[Tensor, " P"], *, noise: float) -> float:
+def estimate_scale(residuals: Float[Tensor, "B C P"], weight: Float[Tensor, "C P"], *, noise: float) -> float:
     """Scale of the loss [colour] from the smaller residuals, where points count by a ``weight``.
 
     Points without texture keep their colour under any motion and should hardly count. The larger residuals
@@ -159,7 +160,7 @@ def evaluate_loss(residuals: Float[Tensor, "*S"], *, scale: float) -> Float[Tens
 
 
 def _descend(
-    film: BlurredFilm,
+    films: Sequence[BlurredFilm],
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
@@ -168,13 +169,13 @@ def _descend(
 ) -> BodyMotion:
     """Steps of Levenberg and Marquardt under one scale."""
     damping = FIRST_DAMPING
-    loss, normal, slope = _linearize(film, patch, motion, q, scale=scale)
+    loss, normal, slope = _linearize(films, patch, motion, q, scale=scale)
     for _ in range(STEPS):
         for _ in range(TRIALS):
             damped = normal + damping * torch.diag(normal.diagonal())
             step = -torch.linalg.solve(damped, slope).view_as(motion.coefficients)
             after = replace(motion, coefficients=motion.coefficients + step)
-            trial = _linearize(film, patch, after, q, scale=scale)
+            trial = _linearize(films, patch, after, q, scale=scale)
             if trial[0] < loss:
                 break
             damping *= 10.0
@@ -189,7 +190,7 @@ def _descend(
 
 
 def _linearize(
-    film: BlurredFilm,
+    films: Sequence[BlurredFilm],
     patch: Patch,
     motion: BodyMotion,
     q: Latents,
@@ -206,17 +207,17 @@ def _linearize(
     normal = scale**2 * torch.eye(k * p, dtype=patch.points.dtype)
     slope = scale**2 * motion.coefficients.flatten()
     loss = scale**2 * float(motion.coefficients.square().sum())
-    for part in cut_frames(len(q), len(patch.points) * CHANNELS * p):
+    for part in cut_frames(len(q), patch.colors.numel() * p):
         monomials, _ = motion.evaluate_latent_monomials(q[part])
         places, by_pose = motion.differentiate_by_pose(patch.points, q[part])
-        seen = film.sample(part, places)
+        seen = sample_films(films, part, places)
         residual = seen.color - patch.colors
-        share = scale**2 / (scale**2 + residual.square().sum(2))
+        share = scale**2 / (scale**2 + residual.square().sum(3))
         loss += scale**2 * float((moves * (1.0 - share).where(seen.inside, OUTSIDE)).sum())
         weight = (moves * share.square()).where(seen.inside, 0.0)
-        change = torch.einsum("bpcx,bpxi->bpci", seen.gradient, by_pose)
-        weighted = (weight[:, :, None, None] * change).flatten(1, 2)
-        own = weighted.mT @ change.flatten(1, 2)
+        change = torch.einsum("bkpcx,bpxi->bkpci", seen.gradient, by_pose)
+        weighted = (weight[..., None, None] * change).flatten(1, 3)
+        own = weighted.mT @ change.flatten(1, 3)
         pull = torch.einsum("bri,br->bi", weighted, residual.flatten(1))
         normal += torch.einsum("ba,bc,bij->aicj", monomials, monomials, own).reshape(k * p, k * p)
         slope = slope + (monomials.mT @ pull).flatten()

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Float64
 
 from lagsplat.array_types import Frames, Series
-from lagsplat.matter.blurred_film import blur_frames
+from lagsplat.matter.blurred_film import CameraFilm, blur_frames
 from lagsplat.monomials import evaluate_monomials, list_exponents, make_wide_ball
 
 FRAMES_PER_TERM = 8  # of the regression
@@ -43,15 +43,14 @@ def find_nearest_frames(q: Series) -> np.ndarray:
     return order[: FRAMES_PER_TERM * count_terms(q.shape[1])]
 
 
-def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPicture:
+def fit_rest_picture(colors: Float[np.ndarray, "n H W 3"], q: Series) -> RestPicture:
     """Fit the picture at the state zero to frames near it, by a polynomial of the second degree of the state.
 
     Frames count less the farther off their states are (tricube weights).
 
     Args:
-        frames: from `find_nearest_frames`.
+        colors: of the frames from `find_nearest_frames`, blurred.
         q: their states [whitened units].
-        blur_px: standard deviation of the Gaussian that blurs frames first [px].
 
     Raises:
         ValueError: fewer frames than the regression has terms.
@@ -59,7 +58,7 @@ def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPictur
     Source: Cleveland, Robust Locally Weighted Regression, JASA 74 (1979).
     """
     n, d = q.shape
-    terms, (height, width) = count_terms(d), frames.shape[1:3]
+    terms, (height, width) = count_terms(d), colors.shape[1:3]
     if n <= 2 * terms:
         raise ValueError(
             f"the motion of matter needs more than {2 * terms} frames near the mean state for {d} "
@@ -69,10 +68,10 @@ def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPictur
     weight = (1.0 - (distance / (1.001 * distance.max())) ** 3) ** 3
     exponents = list_exponents(d, lowest=0, highest=DEGREE)
     design = evaluate_monomials(torch.from_numpy(q), exponents, ball=make_wide_ball(d))[0].numpy()
-    colors = blur_frames(frames, blur_px=blur_px).reshape(n, -1).astype(np.float64)
+    values = colors.reshape(n, -1).astype(np.float64)
     root = np.sqrt(weight)[:, None]
-    solved, *_ = np.linalg.lstsq(root * design, root * colors, rcond=None)
-    rest = root * (colors - design @ solved)
+    solved, *_ = np.linalg.lstsq(root * design, root * values, rcond=None)
+    rest = root * (values - design @ solved)
     free = weight.sum() * (1.0 - terms / n)
     variance = np.square(rest).sum(0) / free
     slope = solved[1 : 1 + d].reshape(d, height, width, 3)
@@ -82,5 +81,6 @@ def fit_rest_picture(frames: Frames, q: Series, *, blur_px: float) -> RestPictur
 
 def show_mean_state(frames: Frames, q: Series) -> Float[np.ndarray, "H W 3"]:
     """The picture of a film at its mean state, with colours about [0, 1]."""
-    near = find_nearest_frames(q)
-    return fit_rest_picture(np.asarray(frames[np.sort(near)]), q[np.sort(near)], blur_px=0.0).color
+    near = np.sort(find_nearest_frames(q))
+    colors, _ = blur_frames(CameraFilm(np.asarray(frames[near])), blur_px=0.0)
+    return fit_rest_picture(colors, q[near]).color

@@ -20,9 +20,9 @@ from lagsplat.chart.chart import fit_chart as fit_chart_with
 from lagsplat.config.compose import ConfigError, compose, rebuild
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate as evaluate_models
-from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
-from lagsplat.forces.grasp import grasp_brush
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.forces.loads import Load, PointLoad, make_no_load
+from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
@@ -246,7 +246,7 @@ def hold(run: FittedRun | PathLike, inputs: Float64[np.ndarray, " n_u"] | None =
         torch.Size([2])
     """
     run = run if isinstance(run, FittedRun) else open_run(run)
-    return hold_at_load(run.autoencoder, run.chart, run.lagrangian, inputs)
+    return hold_at_load(run.autoencoder, run.chart, run.lagrangian, run.matter, inputs)
 
 
 def push(
@@ -288,15 +288,14 @@ def push(
         True
     """
     point = hold(run)
-    grasp = grasp_brush(point.kinematics, point.rest, at, radius=brush * point.kinematics.width)
+    grasp = point.grasp(at, radius=brush * point.width)
     unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-    load = grasp.pull_back(torch.from_numpy(point.find_force_size(grasp, unit, share=share) * unit))
-    dt_s = point.chart.dt_s
-    n = round(duration_s / dt_s) + 1
-    loads = torch.zeros(1, n, len(load), dtype=torch.float64)
-    loads[:, : round(hold_s / dt_s)] = load
-    inputs = point.u.expand(1, n, -1)
-    rest = point.rest[None]
+    force = torch.from_numpy(point.find_force_size(grasp, unit, share=share) * unit)
+    dt_s, nothing = point.chart.dt_s, make_no_load(point.law.d)
+    n, held = round(duration_s / dt_s), round(hold_s / dt_s)
+    pushed = PointLoad(grasp.points, force[None])
+    loads: list[Load] = [pushed if i < held else nothing for i in range(n)]
+    inputs, rest = point.u.expand(1, n + 1, -1), point.rest[None]
     q, v = rollout_under_force(point.law, rest, torch.zeros_like(rest), inputs, loads, dt_s=dt_s)
     return q[0].numpy(), v[0].numpy()
 
@@ -314,13 +313,8 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
         (2, 2)
     """
     point = hold(run)
-    kinematics, rest = point.kinematics, point.rest
-    weight = kinematics.presence(rest[None])[0]
-    inside = torch.tensor([kinematics.width, kinematics.height], dtype=torch.float64)
-    centers = kinematics.places(rest[None])[0, :, :2]
-    visible = ((centers > 0) & (centers < inside)).all(1)
-    moves = torch.linalg.svd(kinematics.geometry.jacobian[:, :2], full_matrices=False)
-    best = int((weight * visible * moves.S[:, 0]).argmax())
-    x, y = centers[best].tolist()
-    right, down = moves.U[best, :, 0].tolist()
-    return (x, y), (right, down)
+    moves = point.find_moving_parts().jacobian[:, :, :2]
+    across, size, _ = np.linalg.svd(moves, full_matrices=False)
+    row, column = np.unravel_index(int(size[:, :, 0].argmax()), size.shape[:2])
+    right, down = across[row, column, :, 0].tolist()
+    return (column + 0.5, row + 0.5), (right, down)

@@ -11,7 +11,7 @@ from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import MissingAcceleration
-from lagsplat.forces.equilibrium import hold_at_load
+from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
@@ -99,10 +99,10 @@ def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
     folder, out = Path(folder).expanduser(), Path(out)
     experiment = compose(*overrides)
     session = pushable(open_run(folder), experiment)
-    kinematics = session.operating_point.kinematics
-    coordinates = "one learned coordinate" if kinematics.d == 1 else f"{kinematics.d} learned coordinates"
-    seen = "one camera" if kinematics.space == 2 else "cameras on several sides"
-    subtitle = f"Seen by {seen}, never pushed. {kinematics.center.shape[0]} Gaussians, {coordinates}."
+    point = session.operating_point
+    coordinates = "one learned coordinate" if point.law.d == 1 else f"{point.law.d} learned coordinates"
+    seen = "one camera" if point.matter.space == 2 else "cameras on several sides"
+    subtitle = f"Seen by {seen}, never pushed. {point.autoencoder.gaussians.n} Gaussians, {coordinates}."
     title = title_of(folder)
     save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
     return out
@@ -110,7 +110,7 @@ def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
 
 def pushable(run: FittedRun, experiment: Config) -> Session:
     """A run at rest under its mean inputs, ready to be pushed."""
-    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian)
+    operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian, run.matter)
     recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
     return Session(operating_point, recorded, experiment.viewer, experiment.forces)
 

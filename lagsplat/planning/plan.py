@@ -388,7 +388,7 @@ def road_to(stage: str, experiment: Config) -> Road:
     branch = stage.partition("_")[0]
     if branch not in TRUNK_BEFORE:
         return trunk
-    before = {name: trunk[name] for name in TRUNK_BEFORE[branch]}
+    before = {name: step for name, step in trunk.items() if name in TRUNK_BEFORE[branch]}
     return before | {name: step for name, step in branches.items() if name.partition("_")[0] == branch}
 
 
@@ -399,6 +399,6 @@ TRUNK_BEFORE = {
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),
     "field": ("recording", "stage1", "chart"),
-    "matter": ("recording", "stage1", "chart"),
+    "matter": ("recording", "views", "stage1", "chart"),
 }
 """Stages of the trunk before each branch."""

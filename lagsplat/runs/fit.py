@@ -15,9 +15,10 @@ from lagsplat.config.schema import Config
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.matter.field import save_matter
 from lagsplat.novel_views.sharp import obtain_views
 from lagsplat.provenance import code_digest
-from lagsplat.runs.run import FittedRun
+from lagsplat.runs.run import FittedRun, find_matter
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage1.linear_response import InputHistory
@@ -109,5 +110,11 @@ def fit_run(
     for warning in report.warnings:
         log.warning("%s", warning)
     save_dynamics(out / "dynamics.safetensors", lagrangian, header, report)
+    run = FittedRun(recording, autoencoder, chart, lagrangian, folder=out)
+    try:
+        matter, about = find_matter(run, experiment.matter, seed=seed)
+        save_matter(out / "matter.safetensors", matter, header, about)
+    except ValueError as error:
+        log.warning("the run cannot be pushed: %s", error)
     checkpoint.unlink(missing_ok=True)
-    return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)
+    return run

@@ -4,8 +4,10 @@ A run is a folder with one file a stage. In the workflow's results several runs 
 stages, which then lie up to two folders higher.
 """
 
+import logging
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +15,20 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart, load_chart
+from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording, load_recording
+from lagsplat.matter.config import MatterConfig
+from lagsplat.matter.field import MatterField, MatterReport, load_matter, save_matter
+from lagsplat.matter.fit import fit_matter
+from lagsplat.matter.scene import make_scene
+from lagsplat.provenance import code_digest
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout as integrate
+from lagsplat.views.novel import load_views
+
+log = logging.getLogger(__name__)
 
 ARTEFACTS = ("recording", "autoencoder", "chart", "dynamics")
 """Names of the files of a run, without their suffix."""
@@ -41,6 +52,38 @@ class FittedRun:
     folder: Path | None = None
     """Where it was opened from or written to."""
 
+    @cached_property
+    def matter(self) -> MatterField:
+        """How the matter of its film moves; found now, in about a minute, if it was not when it was fitted.
+
+        Raises:
+            ValueError: nothing moves near the mean state, or the film is too short.
+        """
+        if self.folder is None:
+            return find_matter(self, compose().matter)[0]
+        try:
+            return load_matter(locate_artefact(self.folder, "matter"))[0]
+        except FileNotFoundError:
+            log.warning("%s: no matter.safetensors: looking for bodies in the film", self.folder)
+        config = compose().matter
+        matter, report = find_matter(self, config)
+        header = {"config": {"matter": asdict(config)}, "code": code_digest(__name__)}
+        beside = locate_artefact(self.folder, "chart").parent
+        save_matter(beside / "matter.safetensors", matter, header, report)
+        return matter
+
+
+def find_matter(run: FittedRun, config: MatterConfig, *, seed: int = 0) -> tuple[MatterField, MatterReport]:
+    """Find the bodies of a run's film and how they move with its states; errors as `fit_matter`."""
+    train, views = run.recording.split()[0], None
+    if run.autoencoder.gaussians.space == 3 and run.folder is not None:
+        views = load_views(locate_artefact(run.folder, "views"))
+    scene = make_scene(run.autoencoder, run.chart, views)
+    matter, report = fit_matter(train.frames, run.chart.train.latents, config, seed=seed, scene=scene)
+    for warning in report.warnings:
+        log.warning("%s", warning)
+    return matter, report
+
 
 def open_run(folder: str | os.PathLike[str]) -> FittedRun:
     """Open the run that `fit_run` or the workflow left in ``folder``.
@@ -62,7 +105,7 @@ def open_run(folder: str | os.PathLike[str]) -> FittedRun:
 
 
 def locate_artefact(folder: Path, name: str) -> Path:
-    """The file of the artefact ``name`` (one of `ARTEFACTS`): in ``folder`` or up to two folders above.
+    """The file of an artefact (`ARTEFACTS`, ``matter``, ``views``): in ``folder`` or up to two folders above.
 
     Raises:
         FileNotFoundError: it is in none of them.

@@ -1,8 +1,8 @@
-"""Simulate the true answer to a known force on a known point of a system, as its camera sees it.
+"""Simulate the true answer to a known force on a known point of a system, in its picture or in space.
 
-Forces are given in the image, as energy per pixel [J/px]: such a force does the work ``f.dx`` over a
-displacement ``dx`` [px] of its point. Where the image is parallel to the motion it is the force in newton
-times the metres per pixel.
+Forces are energies per pixel [J/px]: such a force does the work ``f.dx`` over a displacement ``dx`` [px] of
+its point. Where the image is parallel to the motion it is the force in newton times the metres per pixel. In
+space, a pixel is a length, see `lagsplat.views.camera.ViewSpace`.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from lagsplat.systems.dynamics import Matrix, Series, Vector
 from lagsplat.systems.mechanism import Rocker, find_rest_state, make_mechanism
 from lagsplat.systems.rendering.painting import TOP
 from lagsplat.systems.rendering.textures import Sprite
-from lagsplat.systems.video import draw_bodies, make_camera
+from lagsplat.systems.video import draw_bodies, make_camera, make_space
 
 COVERED = 0.5  # opacity from which on a pixel of a sprite belongs to the body
 
@@ -33,18 +33,18 @@ class Pushable:
     acceleration: Callable[[Vector, Vector, Vector], Vector]
     """Of position, velocity and an external generalised force."""
     mass: Callable[[Vector], Matrix]
-    pixels: Callable[[Series], Float64[np.ndarray, "T P 2"]]  # the points' places in the recording [px]
+    places: Callable[[Series], Float64[np.ndarray, "T P n"]]  # of the points in the picture or in space [px]
     share: Float64[np.ndarray, " P"]  # mass that each point represents [kg]
 
-    def jacobian(self, q: Vector) -> Float64[np.ndarray, "P 2 d"]:
-        """Derivative of the points' places in the image [px per unit of each coordinate]."""
-        return np.moveaxis(dynamics.differentiate(self.pixels, q), 0, 2)
+    def jacobian(self, q: Vector) -> Float64[np.ndarray, "P n d"]:
+        """Derivative of the points' places [px per unit of each coordinate]."""
+        return np.moveaxis(dynamics.differentiate(self.places, q), 0, 2)
 
     def stiffness(self, q: Vector) -> Matrix:
         """Minus the derivative of ``force``."""
         return dynamics.compute_stiffness(self.force, q)
 
-    def settled(self, point: int, forces: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, "n d"]:
+    def settled(self, point: int, forces: Float64[np.ndarray, "N n"]) -> Float64[np.ndarray, "N d"]:
         """Equilibria under a force on one point that grows from row to row [J/px].
 
         Newton's method starts each row from the last, and so follows the branch that starts at rest. A row
@@ -65,7 +65,7 @@ class Pushable:
         return equilibria
 
     def moved(
-        self, point: int, force: Float64[np.ndarray, "2"], *, time_s: Float64[np.ndarray, " T"]
+        self, point: int, force: Float64[np.ndarray, " n"], *, time_s: Float64[np.ndarray, " T"]
     ) -> Series:
         """States at ``time_s`` after a force on one point is switched on at the first of them, from rest.
 
@@ -90,10 +90,11 @@ def make_pushable(
     *,
     pressure: Float64[np.ndarray, " n_u"],
     points: int,
+    in_space: bool = False,
 ) -> Pushable:
     """The simulated arm or mechanism behind a recording, with ``points`` by ``points`` on each body.
 
-    ``pressure`` [atm] is constant; a released mechanism has none.
+    ``pressure`` [atm] is constant; a released mechanism has none, and alone can be pushed in space.
 
     Raises:
         ValueError: neither system is given, or it has no rest state.
@@ -101,29 +102,31 @@ def make_pushable(
     if driven is not None:
         return _arm(driven, pressure, points)
     if released is not None:
-        return _mechanism(released, points)
+        return _mechanism(released, points, in_space)
     raise ValueError("the truth of a force is known of simulated systems alone; choose recording=simulated")
 
 
-def _mechanism(config: ReleaseConfig, points: int) -> Pushable:
-    mechanism, camera = make_mechanism(config), make_camera(config)
+def _mechanism(config: ReleaseConfig, points: int, in_space: bool) -> Pushable:
+    mechanism, camera, space = make_mechanism(config), make_camera(config), make_space(config)
     masses = [mechanism.body_mass] if isinstance(mechanism, Rocker) else mechanism.masses
     bodies = draw_bodies(config, camera)
-    places = [_list_covered(body.sprite, points) for body in bodies]
-    counts = [len(place) for place in places]
+    covered = [_list_covered(body.sprite, points) for body in bodies]
+    counts = [len(place) for place in covered]
     depths = np.array([-0.5 * body.thickness if body.layers > 1 else 0.0 for body in bodies])
     body_of = np.repeat(np.arange(len(bodies)), counts)
-    place_m, depth = np.concatenate(places), depths[body_of]
+    place_m, depth = np.concatenate(covered), depths[body_of]
 
-    def pixels(states: Series) -> Float64[np.ndarray, "T P 2"]:
+    def places(states: Series) -> Float64[np.ndarray, "T P n"]:
         x, y, angle = np.moveaxis(mechanism.poses(states)[:, body_of], 2, 0)
         turned = place_m * np.exp(1j * angle)
         world = np.stack([x + turned.real, y + turned.imag, np.broadcast_to(depth, x.shape)], axis=2)
-        return camera.project(world.reshape(-1, 3)).reshape(*x.shape, 2) / config.scene.film_scale
+        flat = world.reshape(-1, 3)
+        found = space.inside(flat) if in_space else camera.project(flat) / config.scene.film_scale
+        return found.reshape(*x.shape, -1)
 
     force, share = mechanism.static_force, (np.array(masses) / counts)[body_of]
     rest = find_rest_state(mechanism)
-    return Pushable(rest, force, mechanism.acceleration, mechanism.mass, pixels, share)
+    return Pushable(rest, force, mechanism.acceleration, mechanism.mass, places, share)
 
 
 def _list_covered(sprite: Sprite, points: int) -> Complex128[np.ndarray, " P"]:
@@ -145,7 +148,7 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
     segment, s, offset = (x.ravel() for x in np.meshgrid(np.arange(n), middles, across, indexing="ij"))
     table, per_px = arm.table, config.view_width / config.width
 
-    def pixels(states: Series) -> Float64[np.ndarray, "T P 2"]:
+    def places(states: Series) -> Float64[np.ndarray, "T P n"]:
         place = np.zeros((len(states), len(s)), complex)
         base, heading = np.zeros(len(states), complex), np.ones(len(states), complex)
         for i in range(n):
@@ -167,7 +170,7 @@ def _arm(config: SimulationConfig, pressure: Float64[np.ndarray, " n_u"], points
         return arm.static_force(q, pressure)
 
     share = (table[:, chain.MASS] + table[:, chain.LINK_MASS])[segment] / (points * len(across))
-    return Pushable(arm.equilibrium(pressure), force, acceleration, arm.mass, pixels, share)
+    return Pushable(arm.equilibrium(pressure), force, acceleration, arm.mass, places, share)
 
 
 def _arcs(bend: Float64[np.ndarray, " T"], share: float) -> np.ndarray:

@@ -14,7 +14,6 @@ class ViewerConfig:
     pictures_hz: float  # largest number of frames a second; the dynamics keep the rate of the recording
     side: int  # longer side of the drawn image [px]
     window: int  # longer side of the image that each visitor sees of a run in space [px]
-    reach: float  # drag, as a share of the image's width, that moves the state by `forces.response`
     beyond: float
     """Distance from the recorded states that still counts as covered, as a share of their rms spread."""
     divergence: float
@@ -23,7 +22,7 @@ class ViewerConfig:
     log_s: float  # time span of a session that is kept for a file [s]; older steps are dropped
 
     def __post_init__(self) -> None:
-        require_positive(self, "viewer", "pictures_hz", "side", "reach", "beyond", "history_s", "log_s")
+        require_positive(self, "viewer", "pictures_hz", "side", "beyond", "history_s", "log_s")
         for key in ("side", "window"):
             size = getattr(self, key)
             require_setting(f"viewer.{key}", size, 16 <= size <= 2048, "must be from 16 to 2048 pixels")

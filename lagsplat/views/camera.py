@@ -6,6 +6,7 @@ the frontal camera: the plane of motion of a planar mechanism is z = 0. Image co
 `lagsplat.array_types`: the first pixel's centre is (0.5, 0.5).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,6 +89,18 @@ class Camera:
         """The intrinsic matrix ``K`` [pixel]."""
         (across, down), (x, y) = self.focal, self.middle
         return np.array([[across, 0, x], [0, down, y], [0, 0, 1.0]])
+
+
+def project_by_lens(
+    points: Float64[np.ndarray, "*N 3"], lens: Sequence[float]
+) -> Float64[np.ndarray, "*N 2"]:
+    """Image coordinates [pixel] of points in the axes of a camera.
+
+    Args:
+        points: in the camera's axes.
+        lens: focal lengths and principal point (x, y, x, y) [pixel].
+    """
+    return np.array(lens[:2]) * points[..., :2] / points[..., 2:] + np.array(lens[2:])
 
 
 def center_camera(

@@ -10,6 +10,7 @@ from lagsplat.forces.loaded_lagrangian import (
     make_fast_lagrangian,
     rollout_under_force,
 )
+from lagsplat.forces.loads import ConstantLoad, make_no_load
 from lagsplat.stage2.lagrangian import LawEdits
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import rollout
@@ -83,7 +84,7 @@ def test_forces_and_accelerations_agree(d: int, form: dict, negative: float) -> 
     edits = LawEdits(damping=0.5, inertia=2.0, stiffness=1.5)
     q, v, load = torch.randn(3, 5, d, dtype=torch.float64)
     u = torch.rand(5, 2, dtype=torch.float64) - 0.5 * negative
-    loaded = LoadedLagrangian(law, load, edits=edits)
+    loaded = LoadedLagrangian(law, ConstantLoad(load), edits=edits)
     with torch.no_grad():
         expected = loaded.acceleration(q, v, u).numpy()
         force = loaded.conservative_force(q, u, loaded.prepare()).numpy() - load.numpy()
@@ -101,9 +102,7 @@ def test_steps_are_those_of_the_rollout(dt_s: float) -> None:
     law.longest_step = 0.25
     q0, v0, load = torch.randn(3, 1, 2, dtype=torch.float64)
     u = torch.rand(1, 1, dtype=torch.float64)
-    expected = rollout_under_force(
-        law, q0, v0, u[None].expand(1, 9, 1), load[None].expand(1, 9, 2), dt_s=dt_s
-    )
+    expected = rollout_under_force(law, q0, v0, u[None].expand(1, 9, 1), [ConstantLoad(load)] * 8, dt_s=dt_s)
     single, (q, v) = NumpyLagrangian(law), (q0[0].numpy(), v0[0].numpy())
     for _ in range(3):
         q, v = single.step(q, v, u[0].numpy(), load[0].numpy(), dt_s=dt_s)
@@ -126,7 +125,7 @@ def test_energies_are_those_of_the_law(form: dict) -> None:
     law.time_unit_s.fill_(0.2)
     single, loaded = (
         NumpyLagrangian(law, edits=EDITS),
-        LoadedLagrangian(law, torch.zeros(2).double(), edits=EDITS),
+        LoadedLagrangian(law, make_no_load(2), edits=EDITS),
     )
     q, v = torch.randn(2, 4, 2, dtype=torch.float64)
     w = 0.2 * v

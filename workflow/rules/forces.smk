@@ -8,7 +8,8 @@ rule forces:
         autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
         dynamics=rules.stage2.output.dynamics,
-        records=[rules.chart.output.record, rules.stage2.output.record],
+        matter=rules.matter.output.matter,
+        records=[rules.stage2.output.record, rules.matter.output.record],
     output:
         metrics=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/forces.json"
@@ -26,7 +27,7 @@ rule forces:
         cfg=section("forces"),
         simulation=section("simulation"),
         release=section("release"),
-        before=before("evaluate"),
+        before=before_push,
         code=script_digest(SCRIPTS / "forces/forces.py"),
     message:
         "Push {wildcards.system} ({wildcards.recording}, {wildcards.stage2}, seed {wildcards.seed}) in the picture"
@@ -42,10 +43,12 @@ rule force:
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
                 rules.stage2.output.dynamics,
+                rules.matter.output.matter,
             )
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**pushed(wildcards.mechanism))
+            rules.stage2.output.record.format(**pushed(wildcards.mechanism)),
+            rules.matter.output.record.format(**pushed(wildcards.mechanism)),
         ],
     output:
         pdf="results/figures/force_{mechanism}.pdf",
@@ -71,7 +74,7 @@ rule force:
         title=lambda wildcards: "Forces in the picture · {recording} recording of {system} · profile {profile}".format(
             **pushed(wildcards.mechanism)
         ),
-        before=lambda wildcards: before("evaluate")(pushed(wildcards.mechanism)),
+        before=lambda wildcards: before_push(pushed(wildcards.mechanism)),
         code=script_digest(SCRIPTS / "forces/force.py"),
     message:
         "Draw {wildcards.mechanism} under forces given in the picture"
@@ -90,6 +93,7 @@ rule force_map:
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
                 rules.stage2.output.dynamics,
+                rules.matter.output.matter,
             )
         ],
     output:
@@ -155,7 +159,7 @@ rule force_invariants:
         ),
         before=lambda wildcards: [
             forces_before(pushable(main_runs())),
-            [before("evaluate")(spatial(name)) for name in planned_spatial(overrides)],
+            [before_push(spatial(name)) for name in planned_spatial(overrides)],
         ],
         code=script_digest(SCRIPTS / "forces/force_invariants.py"),
     message:
@@ -167,7 +171,7 @@ rule force_invariants:
 rule force_truth:
     input:
         metrics=lambda wildcards: [
-            rules.forces.output.metrics.format(**run) for run in pushable(true_runs())
+            rules.forces.output.metrics.format(**run) for run in pushed_runs()
         ],
     output:
         tex="results/tables/force_truth.tex",
@@ -187,9 +191,9 @@ rule force_truth:
     resources:
         mem_mb=500,
     params:
-        runs=lambda wildcards: pushable(true_runs()),
-        titles=lambda wildcards: titles(pushable(true_runs())),
-        before=lambda wildcards: forces_before(pushable(true_runs())),
+        runs=lambda wildcards: pushed_runs(),
+        titles=lambda wildcards: titles(pushed_runs()),
+        before=lambda wildcards: forces_before(pushed_runs()),
         code=script_digest(SCRIPTS / "forces/force_truth.py"),
     message:
         "Compare the answers to known forces with the true ones"

@@ -1,6 +1,8 @@
 rule matter:
     input:
         recording=rules.stage1.input.recording,
+        views=branch(sided, then=rules.views.output.views, otherwise=[]),
+        autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
         records=[rules.chart.output.record],
     output:
@@ -35,6 +37,7 @@ rule material_paths:
             then=rules.simulate.output.truth,
             otherwise=[],
         ),
+        autoencoder=rules.matter.input.autoencoder,
         chart=rules.matter.input.chart,
         matter=rules.matter.output.matter,
         records=[rules.matter.output.record],

@@ -43,10 +43,12 @@ rule force_space:
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
                 rules.stage2.output.dynamics,
+                rules.matter.output.matter,
             )
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**spatial(wildcards.solid))
+            rules.stage2.output.record.format(**spatial(wildcards.solid)),
+            rules.matter.output.record.format(**spatial(wildcards.solid)),
         ],
     output:
         pdf="results/figures/force_{solid}_3d.pdf",
@@ -71,7 +73,7 @@ rule force_space:
         title=lambda wildcards: "Forces in space · {recording} recording of {system} · profile {profile}".format(
             **spatial(wildcards.solid)
         ),
-        before=lambda wildcards: before("evaluate")(spatial(wildcards.solid)),
+        before=lambda wildcards: before_push(spatial(wildcards.solid)),
         code=script_digest(SCRIPTS / "forces/force_space.py"),
     message:
         "Push {wildcards.solid} in space"

@@ -1,49 +1,45 @@
 """Compare the static answers of a law that was trained without forces with the true ones."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.evaluate.forces.known_forces import KnownForces
 from lagsplat.evaluate.protocol import choose_evenly
-from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, fit_energy_scale
-from lagsplat.forces.grasp import NoMatterError, grasp_brush, grasp_nearest
+from lagsplat.forces.grasp import follow_places
+from lagsplat.forces.loads import PointLoad
+from lagsplat.forces.operating_point import NoScaleError, OperatingPoint, fit_energy_scale
+from lagsplat.matter.field import MaterialPoints
 
 OTHERS = 40  # maximum number of other pokes used to estimate the energy scale again
-Read = Callable[[Float64[np.ndarray, "n d"]], Float64[np.ndarray, "n P 2"]]
-"""Maps whitened states to the places of the material points [px] in the image."""
+Read = Callable[[Float64[np.ndarray, "N d"]], Float64[np.ndarray, "N P n"]]
+"""Maps whitened states to the places of the material points [px]."""
 Errors = dict[str, Float64[np.ndarray, "N L"]]
 
 
 @dataclass(frozen=True)
 class GraspedPoints:
-    """The Jacobian of the grasp of each material point, NaN where there is none, and which have one.
+    """The matter of a field at each true material point, and which of these are on matter."""
 
-    ``field`` is how the points move [px per whitened unit]; zero where they are not grasped.
-    """
-
-    grips: Float64[np.ndarray, "P 2 d"]
-    field: Float64[np.ndarray, "P 2 d"]
+    points: MaterialPoints
     usable: Bool[np.ndarray, " P"]
+
+    def follow(self, states: Float64[np.ndarray, "*B d"]) -> Float64[np.ndarray, "*B P n"]:
+        """Places of the points at states [px]; those off matter stay."""
+        places = self.points.carry(torch.from_numpy(states.reshape(-1, states.shape[-1])))
+        return places.numpy().reshape(*states.shape[:-1], *places.shape[1:])
 
 
 def choose_grasps(
-    held: OperatingPoint, places: Float64[np.ndarray, "P 2"], *, radius: float | None
+    held: OperatingPoint, places: Float64[np.ndarray, "P n"], *, radius: float
 ) -> GraspedPoints:
-    """The grasp of a click on each material point, by a brush [px] or the nearest Gaussian."""
-    grips = np.full((len(places), 2, held.law.d), np.nan)
-    for i, (x, y) in enumerate(places.tolist()):
-        try:
-            nearest = grasp_nearest(held.kinematics, held.rest, (x, y)) if radius is None else None
-            grip = nearest or grasp_brush(held.kinematics, held.rest, (x, y), radius=radius or 1.0)
-        except NoMatterError:
-            continue
-        grips[i] = grip.jacobian.numpy()
-    return GraspedPoints(grips, np.nan_to_num(grips), np.isfinite(grips).all((1, 2)))
+    """The matter under a brush of ``radius`` [px] on each material point."""
+    points, usable = follow_places(held.matter, held.rest, torch.from_numpy(places), radius=radius)
+    return GraspedPoints(points, usable.numpy())
 
 
 def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
@@ -52,17 +48,18 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
     Law and truth get the same force on the same material point; the energy scale comes from one poke, that
     of the easiest point and direction at the level `KnownForces.reference`. ``inside`` are medians (and 90th
     percentiles) over pokes whose true answer lies in the visited range, ``levels`` those at each level of
-    force; a ``nearest`` block grasps one Gaussian instead of a brush. ``direction_deg`` is the angle between
-    the displacements of the pushed point, ``shape`` the relative residual of the displacements of all points
-    after the best factor, and ``amplitude`` the distance of that factor from 1. ``pictured`` errors take
-    the displacements from ``read``, which goes from latents through true coordinates to places in the image,
-    the others from the decoder's matter.
+    force. ``direction_deg`` is the angle between the displacements of the pushed point, ``shape`` the
+    relative residual of the displacements of all points after the best factor, and ``amplitude`` the distance
+    of that factor from 1. ``pictured`` errors take the displacements from ``read``, which goes from latents
+    through true coordinates to places in the image, the others from the field of matter.
 
     Raises:
-        NoScaleError: with a brush, the law answers the reference poke in the wrong direction.
+        NoScaleError: no matter was found at the points, or the law answers the reference poke in the wrong
+            direction.
     """
-    brushed, inside = choose_grasps(held, pokes.places, radius=radius), pokes.distance <= 1.0
-    brush, errors = _score_grasps(held, pokes, brushed, read)
+    grasps, inside = choose_grasps(held, pokes.places, radius=radius), pokes.distance <= 1.0
+    scale, others = compare_scales(held, pokes, grasps)
+    errors = compute_errors(held, pokes, grasps, scale, read)
     levels = []
     for i, level in enumerate(pokes.levels):
         row = summarize_errors(errors, np.arange(len(pokes.levels)) == i)
@@ -72,38 +69,17 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
         there = (pokes.point == p)[:, None] & inside
         medians = {name: _median(values[there]) for name, values in errors.items()}
         places.append({"place": pokes.places[p].tolist(), **medians})
-    nearest = replace(brushed, grips=choose_grasps(held, pokes.places, radius=None).grips)
-    try:
-        single, _ = _score_grasps(held, pokes, nearest, read)
-    except NoScaleError as error:
-        single = {"refused": str(error)}
     return {
-        "points": int(brushed.usable.sum()),
-        "missed": int((~brushed.usable).sum()),
-        "brush": brush,
+        "points": int(grasps.usable.sum()),
+        "missed": int((~grasps.usable).sum()),
+        "scale": scale,
+        "scale_of_others": np.quantile(others / scale, [0.1, 0.5, 0.9]).tolist(),
+        "inside": summarize_errors(errors, inside),
         "levels": levels,
         "map": places,
-        "nearest": single,
         "tipped": int(np.isnan(pokes.distance).sum()),
         "pokes": int(inside.size),
     }
-
-
-def _score_grasps(
-    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, read: Read
-) -> tuple[dict[str, Any], Errors]:
-    scale, others = compare_scales(held, pokes, grasps)
-    errors = compute_errors(held, pokes, grasps, scale, read)
-    return {
-        "scale": scale,
-        "scale_of_others": np.quantile(others / scale, [0.1, 0.5, 0.9]).tolist(),
-        "inside": summarize_errors(errors, pokes.distance <= 1.0),
-    }, errors
-
-
-def list_loads(pokes: KnownForces, grasps: GraspedPoints) -> Float64[np.ndarray, "N L d"]:
-    """The pulled-back forces for an energy scale of one; NaN where nothing is grasped."""
-    return pokes.forces @ grasps.grips[pokes.point]
 
 
 def compare_scales(
@@ -115,34 +91,48 @@ def compare_scales(
         NoScaleError: nothing can be grasped, or the law answers in the wrong direction.
     """
     level, usable = pokes.reference, grasps.usable
-    loads = list_loads(pokes, grasps)[:, level]
-    known = np.isfinite(loads).all(1) & np.isfinite(pokes.distance[:, level])
+    known = usable[pokes.point] & np.isfinite(pokes.distance[:, level])
     order = [int(i) for i in np.argsort(pokes.size[:, level]) if known[i]]
+    observed = grasps.points[torch.from_numpy(np.flatnonzero(usable))]
     scales = []
     for i in (order[j] for j in choose_evenly(len(order), OTHERS)):
+        push = push_points(pokes, grasps, np.array([i]), level, scale=1.0)
         try:
-            scales.append(
-                fit_energy_scale(held, loads[i], grasps.field[usable], pokes.ways[i, level][usable])
-            )
+            scales.append(fit_energy_scale(held, push, observed, pokes.ways[i, level][usable]))
         except NoScaleError:
             if not scales:
                 raise
     if not scales:
-        raise NoScaleError("no point of the object can be taken hold of: nothing is drawn there at rest")
+        raise NoScaleError("no point of the object can be taken hold of: no matter was found there")
     return scales[0], np.array(scales)
+
+
+def push_points(
+    pokes: KnownForces,
+    grasps: GraspedPoints,
+    rows: Int64[np.ndarray, " n"],
+    level: int,
+    *,
+    scale: float,
+) -> PointLoad:
+    """Some of the forces of a level, on the grasped points, for an energy ``scale``."""
+    points = grasps.points[torch.from_numpy(pokes.point[rows])]
+    return PointLoad(points, scale * torch.from_numpy(pokes.forces[rows, level]))
 
 
 def compute_errors(
     held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, scale: float, read: Read
 ) -> Errors:
     """Every error of every poke for an energy ``scale``; NaN where there is no true answer or no grasp."""
-    loads, usable = scale * list_loads(pokes, grasps), grasps.usable
-    known = np.isfinite(loads).all(2) & np.isfinite(pokes.distance)
+    usable, rest = grasps.usable, held.rest.numpy()
+    known = usable[pokes.point][:, None] & np.isfinite(pokes.distance)
     states = np.full((*known.shape, held.law.d), np.nan)
-    states[known] = held.equilibria(torch.from_numpy(loads[known])).numpy()
-    carried = np.einsum("pcd,nld->nlpc", grasps.field, states - held.rest.numpy())
+    for level in range(known.shape[1]):
+        rows = np.flatnonzero(known[:, level])
+        states[rows, level] = held.equilibria(push_points(pokes, grasps, rows, level, scale=scale)).numpy()
+    carried = grasps.follow(states) - grasps.follow(rest)
     flat = states.reshape(-1, held.law.d)
-    pictured = (read(flat) - read(held.rest.numpy()[None])).reshape(pokes.ways.shape)
+    pictured = (read(flat) - read(rest[None])).reshape(pokes.ways.shape)
     errors: Errors = {}
     pushed = pokes.point[:, None, None, None]
     for name, answer in (("", carried), ("pictured_", pictured)):
@@ -155,7 +145,7 @@ def compute_errors(
 
 
 def are_alike(
-    answer: Float64[np.ndarray, "N L P 2"], truth: Float64[np.ndarray, "N L P 2"]
+    answer: Float64[np.ndarray, "N L P n"], truth: Float64[np.ndarray, "N L P n"]
 ) -> tuple[Float64[np.ndarray, "N L"], Float64[np.ndarray, "N L"]]:
     """Cosine between the displacements of all points, and the answer's projection on the truth (1 is
     exact).

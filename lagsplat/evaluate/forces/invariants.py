@@ -4,18 +4,24 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.optimize import minimize, root
 from scipy.stats import spearmanr
 
+from lagsplat.array_types import Latent
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint, compute_loaded_energy
-from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
-from lagsplat.forces.moving_parts import MovingParts, choose_background_points, find_moving_parts
+from lagsplat.forces.equilibrium import compute_loaded_energy
+from lagsplat.forces.grasp import GraspPoint
+from lagsplat.forces.loads import PointLoad
+from lagsplat.forces.moving_parts import MovingParts, choose_background_points
+from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.matter.field import join_points
 
 POINTS = 60  # pixels of the object, evenly spaced in their list, at which it is pushed
 BACKGROUND = 9  # points without motion at which the background is pushed
+STATES = 32  # that are drawn to find them
+STILL = 0.05  # share of the largest change of a colour below which a pixel is background
 SMALL = 1e-5  # of the force, where answers are nearly linear
 ANGLES = (0.7, 2.3)  # directions of the two forces that are added [rad]
 BEND = 0.1  # cubic part of the coordinates in which an equilibrium is solved again
@@ -27,37 +33,37 @@ def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, An
     All forces have one size: the one that drives the state ``forces.response`` of the visited range away at
     the most compliant point. ``lever`` (one coordinate only): rank correlation of the answer to a downward
     force with the lever arm about the centre of rotation, and the share of points with its sign.
-    ``background``: the largest answer to a force where nothing moves, and the typical answer on the object
-    over it. ``superposition``: relative error of sums of the pulled-back forces, of the answers, and of
-    answers to forces ``SMALL`` as large. ``chart``: change of state [of the range] and of the image when
-    solved in other coordinates. ``across``: share of a force across the motion that reaches the coordinates.
+    ``background``: the largest answer to a force where the picture never changes, which is zero unless matter
+    was found there, and the typical answer on the object over it. ``superposition``: relative error of sums
+    of the pulled-back forces, of the answers, and of answers to forces ``SMALL`` as large. ``chart``: change
+    of state [of the range] and of the image when solved in other coordinates. ``across``: share of a force
+    across the motion that reaches the coordinates.
 
     Raises:
         ValueError: nothing moves in the image.
 
     Source: paper, "Applying forces".
     """
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
-    radius = config.brush * held.kinematics.width
+    scene, radius = held.find_moving_parts(), config.brush * held.width
     grips = _on(held, scene, radius)
-    best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian, 2)))
-    along = _easiest(best)
+    best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian(held.rest), 2)))
+    along = _easiest(held, best)
     size = held.find_force_size(best, along, share=config.response)
     return {
         "size": size,
         "lever": _lever(held, grips, size) if held.law.d == 1 else None,
-        "background": _background(held, scene, grips, size, radius),
+        "background": _background(held, grips, size, radius),
         "superposition": _superposition(held, best, size),
         "chart": _chart(held, best, size * along),
-        "across": _across(best) if held.law.d == 1 else None,
+        "across": _across(held, best) if held.law.d == 1 else None,
     }
 
 
-def centre_of_rotation(grips: list[GraspPoint]) -> Float64[np.ndarray, "2"]:
-    """The point [px] about which the matter of one coordinate turns, by least squares."""
+def centre_of_rotation(grips: list[GraspPoint], q: Latent) -> Float64[np.ndarray, "2"]:
+    """The point [px] about which the matter of one coordinate turns at a state, by least squares."""
     rows, values = [], []
     for grip in grips:  # J = w (-(y - cy), x - cx): linear in w, w cx and w cy
-        (x, y), (right, down) = grip.at.numpy(), grip.jacobian[:, 0].numpy()
+        (x, y), (right, down) = grip.at.numpy(), grip.jacobian(q)[:, 0].numpy()
         rows += [[-y, 0.0, 1.0], [x, -1.0, 0.0]]
         values += [right, down]
     turn, by_x, by_y = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
@@ -66,33 +72,25 @@ def centre_of_rotation(grips: list[GraspPoint]) -> Float64[np.ndarray, "2"]:
 
 def _on(held: OperatingPoint, scene: MovingParts, radius: float) -> list[GraspPoint]:
     places = np.argwhere(scene.object)
-    chosen = places[choose_evenly(len(places), POINTS)]
-    grips = [grip for row, column in chosen for grip in _taken(held, (column + 0.5, row + 0.5), radius)]
-    if not grips:
+    if not len(places):
         raise ValueError("no point of the object can be taken hold of: nothing moves in the picture")
-    return grips
+    chosen = places[choose_evenly(len(places), POINTS)]
+    return [held.grasp((column + 0.5, row + 0.5), radius=radius) for row, column in chosen.tolist()]
 
 
-def _taken(held: OperatingPoint, point: Point, radius: float) -> list[GraspPoint]:
-    try:
-        return [grasp_brush(held.kinematics, held.rest, point, radius=radius)]
-    except NoMatterError:
-        return []
-
-
-def _easiest(grip: GraspPoint) -> Float64[np.ndarray, "2"]:
-    return torch.linalg.svd(grip.jacobian)[0][:, 0].numpy()
+def _easiest(held: OperatingPoint, grip: GraspPoint) -> Float64[np.ndarray, "2"]:
+    return torch.linalg.svd(grip.jacobian(held.rest))[0][:, 0].numpy()
 
 
 def _answers(
     held: OperatingPoint, grips: list[GraspPoint], forces: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, "n d"]:
-    loads = [grip.pull_back(torch.from_numpy(force)) for grip, force in zip(grips, forces, strict=True)]
-    return (held.equilibria(torch.stack(loads)) - held.rest).numpy()
+    push = PointLoad(join_points([grip.points for grip in grips]), torch.from_numpy(forces))
+    return (held.equilibria(push) - held.rest).numpy()
 
 
 def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[str, float]:
-    centre = centre_of_rotation(grips)
+    centre = centre_of_rotation(grips, held.rest)
     arms = np.array([float(grip.at[0]) for grip in grips]) - centre[0]
     answers = _answers(held, grips, np.tile([0.0, size], (len(grips), 1)))[:, 0]
     rank = float(spearmanr(arms, answers).statistic)
@@ -102,24 +100,32 @@ def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[s
 
 
 def _background(
-    held: OperatingPoint, scene: MovingParts, grips: list[GraspPoint], size: float, radius: float
+    held: OperatingPoint, grips: list[GraspPoint], size: float, radius: float
 ) -> dict[str, float | int | None]:
-    points = choose_background_points(scene, BACKGROUND, margin=2 * radius)
-    still = [grip for point in points for grip in _taken(held, point, radius)]
-    on = _answers(held, grips, np.stack([size * _easiest(grip) for grip in grips]))
+    points = choose_background_points(find_changing_pixels(held), BACKGROUND, margin=2 * radius)
+    still = [held.grasp(point, radius=radius) for point in points]
+    on = _answers(held, grips, np.stack([size * _easiest(held, grip) for grip in grips]))
     typical = float(np.median(np.linalg.norm(on, axis=1)))
     if not still:
         return {"points": 0, "largest": None, "typical": typical, "ratio": None}
     off = [_answers(held, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
     largest = float(np.linalg.norm(np.concatenate(off), axis=1).max())
-    ratio = typical / max(largest, 1e-300)
+    ratio = typical / largest if largest > 0.0 else None
     return {"points": len(still), "largest": largest, "typical": typical, "ratio": ratio}
+
+
+def find_changing_pixels(held: OperatingPoint) -> Bool[np.ndarray, "H W"]:
+    """Pixels whose colour changes with the visited states, as they are drawn; matter takes no part."""
+    states = held.chart.train.latents
+    drawn = held.render_images(torch.from_numpy(states[choose_evenly(len(states), STATES)]))
+    change = drawn.std(0).max(2)
+    return change > STILL * change.max()
 
 
 def _superposition(held: OperatingPoint, grip: GraspPoint, size: float) -> dict[str, float]:
     parts = size * np.stack([[np.cos(angle), np.sin(angle)] for angle in ANGLES])
     three = np.concatenate([parts, parts.sum(0)[None]])
-    loads = grip.pull_back(torch.from_numpy(three)).numpy()
+    loads = grip.pull_back(torch.from_numpy(three), held.rest).numpy()
     return {
         "force": _excess(loads),
         "answer": _excess(_answers(held, [grip] * 3, three)),
@@ -132,7 +138,7 @@ def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
 
 
 def _chart(held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
-    here = held.equilibria(grip.pull_back(torch.from_numpy(force))[None])[0]
+    here = held.equilibria(PointLoad(grip.points, torch.from_numpy(force)[None]))[0]
     there = _settle_in_bent_chart(held, grip, force)
     pictures = held.render_images(torch.stack([here, there]))
     return {
@@ -163,8 +169,9 @@ def _settle_in_bent_chart(
     def slope(x: np.ndarray) -> np.ndarray:
         stretch = (1.0 + 3.0 * BEND * x**2)[:, None] * mixing  # row i: dq / dx_i
         with torch.no_grad():
-            elastic = held.law.conservative_force(torch.from_numpy(back(x))[None], held.u[None], ready)
-        return -(stretch @ elastic[0].numpy() + (grip.jacobian.numpy() @ stretch.T).T @ force)
+            q = torch.from_numpy(back(x))
+            elastic = held.law.conservative_force(q[None], held.u[None], ready)
+        return -(stretch @ elastic[0].numpy() + (grip.jacobian(q).numpy() @ stretch.T).T @ force)
 
     def value(x: np.ndarray) -> float:
         q = torch.from_numpy(back(x))
@@ -178,7 +185,8 @@ def _settle_in_bent_chart(
     return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
-def _across(grip: GraspPoint) -> float:
-    along = _easiest(grip)
+def _across(held: OperatingPoint, grip: GraspPoint) -> float:
+    along = _easiest(held, grip)
     across = torch.tensor([-along[1], along[0]])
-    return float(grip.pull_back(across).norm() / torch.linalg.matrix_norm(grip.jacobian, 2))
+    felt = grip.pull_back(across, held.rest).norm()
+    return float(felt / torch.linalg.matrix_norm(grip.jacobian(held.rest), 2))

@@ -14,11 +14,12 @@ from lagsplat.evaluate.forces.known_forces import KnownForces, simulate_known_fo
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import NoScaleError, OperatingPoint, compute_static_stiffness
-from lagsplat.forces.grasp import GraspPoint, RayHit, cast_ray, grasp_along_ray
+from lagsplat.forces.equilibrium import compute_static_stiffness
+from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
-from lagsplat.forces.moving_parts import find_moving_parts
-from lagsplat.stage2.decoder_mass import InducedMass
+from lagsplat.forces.loads import PointLoad
+from lagsplat.forces.operating_point import NoScaleError, OperatingPoint
+from lagsplat.forces.ray import RayHit, cast_ray
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.truth import Truth
@@ -39,7 +40,8 @@ def measure_forces(
     driven: SimulationConfig | None,
     released: ReleaseConfig | None,
 ) -> dict[str, Any]:
-    """The force invariants and, for a simulated system with its ``truth``, the errors against true answers.
+    """The invariants of forces in the picture and, for a simulated system with its ``truth``, the errors
+    against true answers, in the picture or in space.
 
     Where no energy scale makes the law answer the reference poke, the reason replaces these errors.
 
@@ -48,9 +50,13 @@ def measure_forces(
     Raises:
         ValueError: nothing moves in the image.
     """
-    result: dict[str, Any] = {"d": held.law.d, "invariants": force_invariants(held, config), "truth": None}
+    in_space = held.matter.space == 3
+    invariants = None if in_space else force_invariants(held, config)
+    result: dict[str, Any] = {"d": held.law.d, "invariants": invariants, "truth": None}
     if truth is not None:
-        system = make_pushable(driven, released, pressure=held.u.numpy(), points=config.points)
+        system = make_pushable(
+            driven, released, pressure=held.u.numpy(), points=config.points, in_space=in_space
+        )
         try:
             result["truth"] = compare_forces_with_truth(held, system, truth, config)
         except NoScaleError as error:
@@ -69,11 +75,11 @@ def compare_forces_with_truth(
     to_states = fit_polynomial(smooth, truth.states[: len(smooth)])
     shifts = STEP * np.eye(len(rest))
     slope = ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
-    radius = config.brush * held.kinematics.width
+    radius = config.brush * held.width
     pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
     grasps = accuracy.choose_grasps(held, pokes.places, radius=radius)
-    answers = accuracy.compare_answers(held, pokes, radius=radius, read=lambda q: system.pixels(to_states(q)))
-    scale, length_s = answers["brush"]["scale"], config.periods / float(truth.natural_frequencies_hz[0])
+    answers = accuracy.compare_answers(held, pokes, radius=radius, read=lambda q: system.places(to_states(q)))
+    scale, length_s = answers["scale"], config.periods / float(truth.natural_frequencies_hz[0])
     return answers | {
         "in_time": respond_in_time(held, system, pokes, grasps, scale=scale, length_s=length_s),
         "energy_spans": measure_energy_spans(held, system, slope),
@@ -108,22 +114,24 @@ def respond_in_time(
     chosen = [easiest[i] for i in choose_evenly(len(easiest), TRIALS)]
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
     moved = [system.moved(pokes.point[i], pokes.forces[i, level], time_s=time_s) for i in chosen]
-    true = np.stack([system.pixels(states) - pokes.places for states in moved])
-    loads = torch.from_numpy(scale * accuracy.list_loads(pokes, grasps)[chosen, level])
+    true = np.stack([system.places(states) - pokes.places for states in moved])
+    push = accuracy.push_points(pokes, grasps, np.array(chosen), level, scale=scale)
     rows, steps = len(chosen), len(time_s)
     q, _ = rollout_under_force(
         held.law,
         held.rest.expand(rows, -1),
         torch.zeros(rows, held.law.d, dtype=torch.float64),
         held.u.expand(rows, steps, -1),
-        loads[:, None].expand(-1, steps, -1),
+        [push] * (steps - 1),
         dt_s=dt_s,
     )
-    ways = np.einsum("pcd,btd->btpc", grasps.field, q.numpy() - held.rest.numpy())[:, :, grasps.usable]
+    ways = (grasps.follow(q.numpy()) - grasps.follow(held.rest.numpy()))[:, :, grasps.usable]
     true = true[:, :, grasps.usable]
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
-    cosine, _ = accuracy.are_alike(ways.reshape(rows, 1, -1, 2), true.reshape(rows, 1, -1, 2))
+    cosine, _ = accuracy.are_alike(
+        ways.reshape(rows, 1, -1, true.shape[-1]), true.reshape(rows, 1, -1, true.shape[-1])
+    )
     result = {"n": rows, "length_s": float(time_s[-1])}
     for name, values in (("error", error), ("shape", accuracy.to_shape_error(cosine[:, 0]))):
         result |= {name: float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
@@ -135,13 +143,14 @@ def respond_at_once(
 ) -> dict[str, float]:
     """Shape error of the first motion, ``M^-1 J^T f``, with three masses; medians over the points.
 
-    ``learned`` is the law's own mass, ``uniform`` the one that equally heavy Gaussians induce, ``true`` the
-    one that the true masses of the bodies induce, each spread evenly over its body's material points. With
-    one coordinate the mass is a factor and the three agree.
+    ``learned`` is the law's own mass, ``uniform`` the one that equally heavy material points induce, ``true``
+    the one that the true masses of the bodies induce, each spread evenly over its body's material points.
+    With one coordinate the mass is a factor and the three agree.
 
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
-    level, field, usable = pokes.reference, grasps.field, grasps.usable
+    level, usable = pokes.reference, grasps.usable
+    field = grasps.points.jacobian(held.rest).numpy()
     chosen = easiest_direction(pokes, grasps, level)
     learned, induced = _masses_at_rest(held)
     by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
@@ -149,7 +158,8 @@ def respond_at_once(
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
-    loads = accuracy.list_loads(pokes, grasps)[chosen, level]
+    push = accuracy.push_points(pokes, grasps, np.array(chosen), level, scale=1.0)
+    loads = push.generalise(held.rest.expand(len(chosen), -1)).numpy()
     medians = {}
     for name, mass in (("learned", learned), ("uniform", induced), ("true", true_mass)):
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
@@ -164,7 +174,8 @@ def measure_energy_spans(
     """Ratio of the largest to the smallest eigenvalue of matrices at rest relative to the true ones.
 
     It is 1 where one factor makes all energies true; the result is None with one coordinate, where it always
-    is. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass that equally heavy Gaussians induce.
+    is. ``mass`` and ``stiffness`` are the law's, ``induced`` the mass that equally heavy material points
+    induce.
     ``slope`` are the derivatives of the true coordinates by the latents. Free motion identifies the ratio of
     stiffness and mass in each mode, slow driven motion that of stiffness and input: neither identifies the
     relative energy of two modes.
@@ -184,10 +195,11 @@ def measure_energy_spans(
 
 @torch.no_grad()
 def _masses_at_rest(held: OperatingPoint) -> tuple[np.ndarray, np.ndarray]:
-    """The learned mass, and the one that equally heavy Gaussians induce."""
-    rest = held.rest[None]
-    induced = InducedMass(held.kinematics.geometry, scale=1.0, floor=FLOOR)
-    return held.law.mass(rest)[0].numpy(), induced.matrix(rest)[0].numpy()
+    """The learned mass, and the one that equally heavy material points induce."""
+    slopes = held.matter.jacobian(held.rest).numpy()
+    induced = np.einsum("pca,pcb->ab", slopes, slopes)
+    induced += FLOOR * np.trace(induced) * np.eye(held.law.d)
+    return held.law.mass(held.rest[None])[0].numpy(), induced
 
 
 def _span(matrix: np.ndarray, reference: np.ndarray) -> float:
@@ -201,7 +213,7 @@ class SpacePush:
     """A click, its grasp, and the answers to forces of one ``size`` [energy per px at the pivot] on it.
 
     ``directions`` are unit vectors of space: x to the right, y down, z ahead of the video's camera.
-    ``states`` are the equilibria under no force, under the one across the motion and the one down.
+    ``states`` are the equilibria under no force, the rest, under the one across the motion and the one down.
     """
 
     pixel: tuple[float, float]
@@ -216,8 +228,8 @@ class SpacePush:
 
         ``felt_across`` is ``|J^T f|`` over ``|J| |f|``, ``pulled_across`` ``|J^T f|`` of the force itself.
         """
-        across = torch.from_numpy(self.directions[0])
-        pulled = float(self.grip.pull_back(across).norm())
+        across, rest = (torch.from_numpy(each[0]) for each in (self.directions, self.states))
+        pulled = float(self.grip.pull_back(across, rest).norm())
         shifts = np.linalg.norm(self.states[1:] - self.states[0], axis=1)
         return {
             "pixel": self.pixel,
@@ -226,7 +238,7 @@ class SpacePush:
             "cover": self.hit.cover,
             "size": self.size,
             "across": self.directions[0].tolist(),
-            "felt_across": pulled / float(torch.linalg.matrix_norm(self.grip.jacobian, 2)),
+            "felt_across": pulled / float(torch.linalg.matrix_norm(self.grip.jacobian(rest), 2)),
             "pulled_across": self.size * pulled,
             "shift_across": float(shifts[0]),
             "shift_down": float(shifts[1]),
@@ -244,7 +256,7 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
 
     Source: paper, "Forces in three dimensions".
     """
-    scene = find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
+    scene = held.find_moving_parts()
     lever = np.where(scene.object, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
     if not lever.any():
         raise ValueError("nothing moves up or down in the picture: there is nothing to push; check stage 1")
@@ -252,11 +264,11 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
     pixel = (float(column) + 0.5, float(row) + 0.5)
     view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
     hit = cast_ray(held.autoencoder, held.chart, held.rest, view, pixel)
-    grip = grasp_along_ray(held.kinematics, held.rest, hit.gaussian)
-    directions = np.stack([push_across(grip.jacobian), DOWN])
+    grip = held.grasp(hit.place, radius=config.brush * held.width)
+    directions = np.stack([push_across(grip.jacobian(held.rest)), DOWN])
     size = held.find_force_size(grip, DOWN, share=config.response)
-    loads = size * grip.pull_back(torch.from_numpy(directions))
-    states = held.equilibria(torch.cat([torch.zeros(1, held.law.d, dtype=loads.dtype), loads]))
+    forces = size * np.concatenate([np.zeros((1, 3)), directions])
+    states = held.equilibria(PointLoad(grip.points, torch.from_numpy(forces)))
     return SpacePush(pixel, hit, grip, size, directions, states.numpy())
 
 

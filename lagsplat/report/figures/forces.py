@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from lagsplat.evaluate.forces.motion import SpacePush
 from lagsplat.forces import moving_parts
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.forces.grasp import GraspPoint, NoMatterError, Point, grasp_brush
+from lagsplat.forces.grasp import GraspPoint
+from lagsplat.forces.loads import PointLoad, SummedLoad
+from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
@@ -75,9 +76,9 @@ class ImagePush:
     size: float
 
     @property
-    def load(self) -> torch.Tensor:
-        """The generalised force (d,)."""
-        return self.size * self.grip.pull_back(torch.from_numpy(self.direction))
+    def load(self) -> PointLoad:
+        """The load on the law, of one row."""
+        return PointLoad(self.grip.points, torch.from_numpy(self.size * self.direction)[None])
 
 
 NamedPushes = list[tuple[str, list[ImagePush]]]
@@ -132,12 +133,12 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
 
     Source: paper, figures of interactive forces.
     """
-    scene = moving_parts.find_moving_parts(held.autoencoder, held.chart, held.rest.numpy())
-    radius = config.brush * held.kinematics.width
+    scene, radius = held.find_moving_parts(), config.brush * held.width
     named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
-    loads = torch.stack([torch.stack([push.load for push in pushes]).sum(0) for _, pushes in named])
-    states = held.equilibria(loads)
-    scale = -(-MIN_WIDTH_PX // held.kinematics.width)
+    states = torch.cat(
+        [held.equilibria(SummedLoad(tuple(push.load for push in pushes))) for _, pushes in named]
+    )
+    scale = -(-MIN_WIDTH_PX // held.width)
     images = held.render_images(states, scale=scale)
     panels = []
     for (name, pushes), q, image in zip(named, states, images, strict=True):
@@ -146,26 +147,24 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
         moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
         arrows = np.stack([feet, sizes], axis=1)
         panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image))
-    outline = moving_parts.draw_outline(held.render_images(held.rest[None], scale=scale)[0], scene)
-    return ForcePanels(tuple(panels), outline, scene.motion.shape)
+    return ForcePanels(
+        tuple(panels), moving_parts.draw_outline(scene, scale=scale), (held.height, held.width)
+    )
 
 
 def _push_rolling(
     held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
 ) -> NamedPushes:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
-    grips = [_grasp(held, point, radius) for point in moving_parts.choose_lever_points(scene, margin=radius)]
+    levers = moving_parts.choose_lever_points(scene, margin=radius)
+    grips = [held.grasp(point, radius=radius) for point in levers]
     far = grips[-1]
     size = held.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
-    grips_off_object = []
-    for point in moving_parts.choose_background_points(scene, 4 * N_BACKGROUND, margin=2 * radius):
-        try:
-            grips_off_object.append(_grasp(held, point, radius))
-        except NoMatterError:  # the background colour has no Gaussian there
-            continue
-    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips_off_object[:N_BACKGROUND]]
+    off_object = moving_parts.choose_background_points(scene.object, N_BACKGROUND, margin=2 * radius)
+    grips = [held.grasp(point, radius=radius) for point in off_object]
+    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips]
 
 
 def _push_hanging(
@@ -173,7 +172,7 @@ def _push_hanging(
 ) -> NamedPushes:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
     *points, along = moving_parts.choose_hanging_points(scene)
-    middle, tip = (_grasp(held, point, radius) for point in points)
+    middle, tip = (held.grasp(point, radius=radius) for point in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
     size = held.find_force_size(tip, across, share=response)
@@ -189,10 +188,6 @@ def _push_hanging(
     return [*named, ("opposed", [ImagePush(middle, -across, size), ImagePush(tip, across, size)])]
 
 
-def _grasp(held: OperatingPoint, point: Point, radius: float) -> GraspPoint:
-    return grasp_brush(held.kinematics, held.rest, point, radius=radius)
-
-
 def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
     """Draw rest, the force across the motion and the force downwards, each from three viewpoints.
 
@@ -201,7 +196,7 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
 
     Source: paper, Figure "Applying a force inside the 3D scene".
     """
-    height, width = held.kinematics.height, held.kinematics.width
+    height, width = held.height, held.width
     length = ARROW_SHARE * min(height, width)
     cameras = [turn_camera(held, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
     q = torch.from_numpy(push.states)
@@ -229,7 +224,7 @@ def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camer
     """Turn the camera of the recording about the pivot of the coordinates of space [degree]."""
     view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
     focal, middle = tuple(view.focal[0].tolist()), tuple(view.middle[0].tolist())
-    size = {"height": held.kinematics.height, "width": held.kinematics.width}
+    size = {"height": held.height, "width": held.width}
     front = Camera(rotation=np.eye(3), position=np.zeros(3), focal=focal, middle=middle, **size)
     return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
 
@@ -237,7 +232,8 @@ def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camer
 def _describe_shift(push: SpacePush, row: int) -> str:
     """The generalised force of a row, and how far it moves the state."""
     shift = push.states[row] - push.states[0]
-    load = push.size * push.grip.pull_back(torch.from_numpy(push.directions[row - 1])).norm()
+    direction, rest = torch.from_numpy(push.directions[row - 1]), torch.from_numpy(push.states[0])
+    load = push.size * push.grip.pull_back(direction, rest).norm()
     pulled, size = (f"{value:.1g}" for value in (float(load), float(np.linalg.norm(shift))))
     if np.linalg.norm(shift) < MIN_PRINTED_SHIFT:
         return rf"$|J^T f|$ = {pulled}, $|\Delta q|$ = {size}"

@@ -54,8 +54,8 @@ def build_force_rows(
 ) -> list[dict[str, Any]]:
     """Build the rows of each simulated system, medians over seeds.
 
-    They are: inside the visited range with a brush and with one Gaussian, each level of force, the answer in
-    time, and the first motion with three masses.
+    They are: inside the visited range, each level of force, the answer in time, and the first motion with
+    three masses.
     """
     rows: list[dict[str, Any]] = []
     for group, variants in group_runs(runs, metrics).items():
@@ -88,14 +88,14 @@ def format_force_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str
         caption=(
             "Answers to known forces on known points of the simulated systems against the true ones, which "
             f"no training saw; profile {join_distinct(frame['profile'].dropna())}; medians over forces, with "
-            "the 90th percentile in brackets. One poke sets the energy scale; in brackets behind the kind of "
-            "grip, the 10th and 90th percentile of the scale that other pokes of its size would have set, "
-            "relative to it. Matter: the ways of what the decoder carries along; picture: ways read off the "
+            "the 90th percentile in brackets. One poke sets the energy scale; in brackets behind the first "
+            "row's name, the 10th and 90th percentile of the scale that other pokes of its size would have "
+            "set, relative to it. Matter: the ways of the field of matter; picture: ways read off the "
             "decoded state through a map from latents to true coordinates. Direction: of the pushed point; "
             "shape: what the best factor leaves of the ways of all points; amplitude: that factor, less one. "
             "Levels: how far the force drives the true state, in visited ranges. In time: rms error of all "
             "ways under a force switched on at rest. First motion: shape of the acceleration with a mass "
-            "that is learned, induced by equally heavy Gaussians, or by the true masses. Span of energies: "
+            "that is learned, induced by equally heavy points, or by the true masses. Span of energies: "
             "largest over smallest eigenvalue relative to the true matrix; one factor makes all energies "
             "true where it is 1."
         ),
@@ -124,14 +124,8 @@ def _read_truth(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """The numbers of one seed, by what was measured."""
     if "refused" in truth:
         return {"nothing measured": {"refused": truth["refused"]}}
-    rows: dict[str, dict[str, Any]] = {}
-    for name, what in (("brush", "visited, brush"), ("nearest", "visited, one Gaussian")):
-        block = truth[name]
-        if "refused" in block:
-            rows[what] = {"refused": block["refused"]}
-            continue
-        low, _, high = block["scale_of_others"]
-        rows[what] = {**block["inside"], "scale_low": low, "scale_high": high}
+    low, _, high = truth["scale_of_others"]
+    rows: dict[str, dict[str, Any]] = {"visited": {**truth["inside"], "scale_low": low, "scale_high": high}}
     rows |= {f"level {level['level']:.2g}": level for level in truth["levels"] if level["n"]}
     rows[f"in time, {truth['in_time']['length_s']:.2g} s"] = truth["in_time"]
     if spans := truth["energy_spans"]:
@@ -191,7 +185,8 @@ def format_invariant_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping
             f"{join_distinct(ours['recording'])} recordings, profile {join_distinct(ours['profile'])}; one "
             "force a system. Lever: rank correlation of the answer to a downward force with the lever arm "
             "about the centre of rotation, points with its sign, answers at the outermost points (one "
-            "coordinate only). Background: typical answer on the object over the largest off it. Sums: "
+            "coordinate only). Background: typical answer on the object over the largest where the picture "
+            "never changes, infinite where no matter was found there. Sums: "
             "relative error of a sum of two forces as pulled back, and of the answers to forces a hundred "
             "thousandth as large. Chart: largest change of a colour when solved in bent coordinates. Across: "
             "share that is felt of a force across the motion, in the picture or, for a system in space, on "
@@ -210,7 +205,7 @@ def _format_invariant_row(row: Mapping[Any, Any]) -> str:
         format_score(row, "lever_rank"),
         format_score(row, "lever_sign", scale=100.0),
         "--" if "--" in ends else ", ".join(ends),
-        format_score(row, "ratio"),
+        r"$\infty$" if row["background"] == 0.0 else format_score(row, "ratio"),
         *(format_order_of_magnitude(row[name]) for name in small),
     )
 

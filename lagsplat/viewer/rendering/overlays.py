@@ -11,9 +11,9 @@ from skimage.measure import find_contours
 from torch import Tensor
 
 from lagsplat.array_types import Vector
-from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.forces.grasp import MatterKinematics
-from lagsplat.forces.moving_parts import draw_outline, find_moving_parts
+from lagsplat.forces.moving_parts import draw_outline
+from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.projection import SQUARE
 from lagsplat.viewer.rendering.renderer import SceneRenderer
 from lagsplat.viewer.rendering.scene_frame import SceneFrame
@@ -38,23 +38,27 @@ OPAQUE = 0.3  # opacity at the boundary of a drag proxy
 MOST = 1200  # number of Gaussians that a browser keeps track of; the largest are taken
 NOWHERE = 1e-4  # half axis of a faded proxy [px]; a browser does not draw a scale of zero
 STATES = 16  # recorded states at which the opacity of the Gaussians is checked
+NEAR_PX = 2.0  # largest distance of a Gaussian of matter from a material point: these are a pixel apart
 
 
 class DragProxies:
-    """Ellipsoids on the Gaussians that move, ``moving`` (K,), and are visible in the recording."""
+    """Ellipsoids on the Gaussians that are ``of_matter`` (K,) and visible in the recording.
+
+    Those of matter have their centre within `NEAR_PX` of a material point at rest, so that a press on one
+    grasps matter.
+    """
 
     def __init__(self, operating_point: OperatingPoint) -> None:
-        self.kinematics = operating_point.kinematics
-        states = operating_point.chart.train.latents
+        self.model, self.chart = operating_point.autoencoder.gaussians, operating_point.chart
+        rest, states = operating_point.rest.numpy(), self.chart.train.latents
         rows = np.linspace(0, len(states) - 1, min(STATES, len(states))).astype(int)
-        visited = torch.cat([operating_point.rest[None], torch.from_numpy(states[rows])])
-        presence = self.kinematics.presence(visited).amax(0)
-        with torch.no_grad():
-            covariance = operating_point.autoencoder.gaussians.covariance().cpu().double()
-        values, vectors = np.linalg.eigh(covariance[:, SQUARE].unflatten(1, (3, 3)).numpy())
+        drawn = self._condition(np.concatenate([rest[None], states[rows]]))
+        values, vectors = np.linalg.eigh(drawn.covariance[:, SQUARE].double().unflatten(1, (3, 3)).numpy())
         sigma = np.sqrt(np.clip(values, 0.0, None))
-        self.moving = torch.from_numpy(select_moving(self.kinematics))
-        size = torch.from_numpy(sigma[:, 1:].prod(1)) * (self.moving & (presence > OPAQUE))
+        points = operating_point.matter.carry(operating_point.rest[None])[0].numpy()
+        self.of_matter = torch.from_numpy(KDTree(points).query(drawn.means[0].numpy())[0] <= NEAR_PX)
+        visible = drawn.opacity.amax(0) > OPAQUE
+        size = torch.from_numpy(sigma[:, 1:].prod(1)) * (self.of_matter & visible)
         order = size.argsort(descending=True)[:MOST]
         self.chosen = order[size[order] > 0].sort().values
         self.sigma = sigma[self.chosen.numpy()]
@@ -68,11 +72,16 @@ class DragProxies:
 
     def ellipsoids(self, q: Vector) -> tuple[np.ndarray, np.ndarray]:
         """Centres and half axes (K, 3) [px at the pivot] at a whitened state; tiny axes where faded."""
-        state = torch.from_numpy(q)[None]
-        place = self.kinematics.places(state)[0, self.chosen].numpy()
-        present = self.kinematics.presence(state)[0, self.chosen].numpy()
-        ends = np.sqrt(2.0 * np.log(np.maximum(present / OPAQUE, 1.0)))
+        drawn = self._condition(q[None])
+        opacity = drawn.opacity[0, self.chosen].double().numpy()
+        ends = np.sqrt(2.0 * np.log(np.maximum(opacity / OPAQUE, 1.0)))
+        place = drawn.means[0, self.chosen].double().numpy()
         return place, np.maximum(ends[:, None] * self.sigma, NOWHERE)
+
+    @torch.no_grad()
+    def _condition(self, q: Float64[np.ndarray, "B d"]) -> GaussianSlice:
+        raw = torch.from_numpy(self.chart.to_raw(q)).to(self.model.center)
+        return GaussianSlice(*(part.cpu() for part in self.model.condition(raw)))
 
 
 def make_ball() -> tuple[Float64[np.ndarray, "12 3"], Int64[np.ndarray, "20 3"]]:
@@ -85,20 +94,13 @@ def make_ball() -> tuple[Float64[np.ndarray, "12 3"], Int64[np.ndarray, "20 3"]]
 
 
 CELLS = 14  # cells along the longer side of the image; each has at most one arrow
-PRESENT = 0.2  # opacity at rest from which a Gaussian gets an arrow
-MOVES = 0.1  # share of the largest motion: a Gaussian that moves less is background and cannot be dragged
-LARGEST = 0.98  # quantile of the motions that is taken as the largest
-COMPANY = 4  # neighbour whose distance decides whether a Gaussian is a stray
-STRAY = 3.0  # multiple of the median distance to that neighbour from which a moving Gaussian is a stray
 FINER = 2  # multiple of the training resolution at which the outline is traced
 SHORT = 12  # outlines of at most as many corners are specks
 
 
 def trace_rest_outline(operating_point: OperatingPoint) -> list[Float64[np.ndarray, "n 2"]]:
     """Trace the outlines of the object at rest [px of the training resolution]."""
-    rest = operating_point.rest[None]
-    scene = find_moving_parts(operating_point.autoencoder, operating_point.chart, rest[0].numpy())
-    mask = draw_outline(operating_point.render_images(rest, scale=FINER)[0], scene)
+    mask = draw_outline(operating_point.find_moving_parts(), scale=FINER)
     return [line / FINER for line in trace_outlines(mask.astype(np.float64), smooth_px=float(FINER))]
 
 
@@ -108,55 +110,35 @@ def trace_outlines(share: Float64[np.ndarray, "H W"], *, smooth_px: float) -> li
     return [line[:, ::-1] - 0.5 for line in find_contours(smooth, 0.5) if len(line) > SHORT]
 
 
-def select_moving(kinematics: MatterKinematics) -> Bool[np.ndarray, " K"]:
-    """Select the Gaussians that move and are not strays.
-
-    A few lone Gaussians lower the image error of a decoder but belong to no object.
-    """
-    motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
-    moving = motion >= MOVES * np.quantile(motion, LARGEST)
-    if moving.sum() > COMPANY:
-        centers = kinematics.center[torch.from_numpy(moving)].numpy()
-        distance = KDTree(centers).query(centers, COMPANY + 1)[0][:, -1]
-        moving[moving] = distance <= STRAY * np.median(distance)
-    return moving
-
-
 class AccelerationField:
-    """Arrows on the matter: one per image cell, on the Gaussian with the largest motion times opacity."""
+    """Arrows on the matter: one per image cell, on the material point that moves most there."""
 
     def __init__(self, operating_point: OperatingPoint) -> None:
-        kinematics = operating_point.kinematics
-        rest = operating_point.rest[None]
-        places, present = kinematics.places(rest)[0].numpy(), kinematics.presence(rest)[0].numpy()
-        motion = kinematics.geometry.jacobian.flatten(1).norm(dim=1).numpy()
-        cell = max(kinematics.height, kinematics.width) / CELLS
-        usable = select_moving(kinematics) & (present > PRESENT)
-        if kinematics.space == 2:
-            usable &= ((places >= 0.0) & (places < (kinematics.width, kinematics.height))).all(1)
-        order = np.argsort(present * motion)[::-1]
-        order = order[usable[order]]
-        _, first = np.unique((places[order] // cell).astype(int), axis=0, return_index=True)
+        matter, rest = operating_point.matter, operating_point.rest
+        height, width = operating_point.height, operating_point.width
+        places = matter.carry(rest[None])[0].numpy()
+        self.cell = max(height, width) / CELLS
+        order = matter.jacobian(rest).flatten(1).norm(dim=1).argsort(descending=True).numpy()
+        if matter.space == 2:
+            outside = np.any((places < 0.0) | (places >= (width, height)), axis=1)
+            order = order[~outside[order]]
+        _, first = np.unique((places[order] // self.cell).astype(int), axis=0, return_index=True)
         self.chosen = torch.from_numpy(np.sort(order[first]))
-        self.kinematics, self.cell = kinematics, cell
-        self.jacobian = kinematics.geometry.jacobian[self.chosen].numpy()
+        self.points = matter.every[self.chosen]
 
-    def places(self, q: Vector) -> Float64[np.ndarray, "n k"]:
-        """Feet of the arrows at the state ``q`` [px]."""
-        return self.kinematics.places(torch.from_numpy(q)[None])[0, self.chosen].numpy()
+    def along(self, q: Vector, rate: Vector) -> Float64[np.ndarray, "n k"]:
+        """Motion of the matter at the feet for a rate of the state ``q`` [px per unit of the rate]."""
+        return self.points.jacobian(torch.from_numpy(q)).numpy() @ rate
 
-    def along(self, rate: Vector) -> Float64[np.ndarray, "n k"]:
-        """Motion of the matter at the feet for a rate of the state [px per unit of the rate]."""
-        return self.jacobian @ rate
-
-    def largest(self, rate: Vector) -> float:
+    def largest(self, q: Vector, rate: Vector) -> float:
         """The largest of these motions, never zero."""
-        return float(np.linalg.norm(self.along(rate), axis=1).max(initial=1e-12))
+        return float(np.linalg.norm(self.along(q, rate), axis=1).max(initial=1e-12))
 
     def arrows(self, q: Vector, rate: Vector, *, largest: float) -> Float64[np.ndarray, "n 2 k"]:
         """Feet and tips [px]; a motion of ``largest`` [px per unit] is drawn two cells long."""
-        feet = self.places(q)
-        return np.stack([feet, feet + self.along(rate) * (2.0 * self.cell / max(largest, 1e-12))], axis=1)
+        feet = self.points.carry(torch.from_numpy(q)[None])[0].numpy()
+        ways = self.along(q, rate) * (2.0 * self.cell / max(largest, 1e-12))
+        return np.stack([feet, feet + ways], axis=1)
 
 
 COARSE = 2  # pixels of a visitor's image per pixel of the mask that is outlined, each way
@@ -172,10 +154,10 @@ class Silhouettes:
     """
 
     def __init__(
-        self, renderer: SceneRenderer, scene_frame: SceneFrame, moving: Bool[Tensor, " K"], rest: Vector
+        self, renderer: SceneRenderer, scene_frame: SceneFrame, of_matter: Bool[Tensor, " K"], rest: Vector
     ) -> None:
         self.renderer, self.scene_frame, self.rest = renderer, scene_frame, rest
-        self.white = moving[:, None].expand(-1, 3).to(torch.float32)
+        self.white = of_matter[:, None].expand(-1, 3).to(torch.float32)
         self.handles: dict[int, viser.LineSegmentsHandle] = {}
         self.drawn_keys: dict[int, bytes] = {}
 

@@ -5,7 +5,7 @@ import torch
 from jaxtyping import Float64, UInt8
 
 from lagsplat.array_types import Vector
-from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.splat.cpu.slice import FrameRasterizer
 from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.projection import make_view, project
@@ -85,7 +85,7 @@ FrameRenderer = ImageRenderer | SceneRenderer
 
 def open_renderer(operating_point: OperatingPoint, *, side: int) -> FrameRenderer:
     """Open the renderer for a run in the image plane or in space; ``side`` is the longer side [px]."""
-    kind = ImageRenderer if operating_point.kinematics.space == 2 else SceneRenderer
+    kind = ImageRenderer if operating_point.matter.space == 2 else SceneRenderer
     return kind(operating_point, side)
 
 

@@ -14,8 +14,9 @@ import viser
 from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
-from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.forces.grasp import Place, Point, cast_ray
+from lagsplat.forces.grasp import Place, Point
+from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.forces.ray import cast_ray
 from lagsplat.splat.projection import make_view
 from lagsplat.viewer.rendering import overlays
 from lagsplat.viewer.rendering.renderer import ImageRenderer, RgbImage, SceneRenderer
@@ -37,9 +38,9 @@ class ImageDrag:
     def __init__(self, press: Pointer) -> None:
         self.press = press
 
-    def find_target(self, q: Vector) -> tuple[Point, None]:
-        """The pressed pixel, and no Gaussian."""
-        return (float(self.press[0]), float(self.press[1])), None
+    def find_target(self, q: Vector) -> Point:
+        """The pressed pixel."""
+        return float(self.press[0]), float(self.press[1])
 
     def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "2"]:
         """The vector from the press to the pixel ``pointer``."""
@@ -59,8 +60,8 @@ class RayDrag:
         self.operating_point, self.camera, self.press = operating_point, camera, press
         self.depth = 0.0
 
-    def find_target(self, q: Vector) -> tuple[Place, int]:
-        """The point of the ray at the depth of the first Gaussian that it meets, and its number.
+    def find_target(self, q: Vector) -> Place:
+        """The point of the ray at the depth of the first Gaussian that it meets.
 
         Raises:
             NoMatterError: it meets nothing.
@@ -70,7 +71,7 @@ class RayDrag:
         hit = cast_ray(autoencoder, chart, torch.from_numpy(q), make_view([self.camera]), pixel, size=size)
         self.depth = hit.depth
         x, y, z = (self.camera.position + hit.depth * self.camera.ray(pixel)).tolist()
-        return (x, y, z), hit.gaussian
+        return x, y, z
 
     def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "3"]:
         """The vector from the press to the pointer in the plane of the drag; zero before `find_target`."""
@@ -141,7 +142,7 @@ class ImageCanvas:
         self, server: viser.ViserServer, operating_point: OperatingPoint, renderer: ImageRenderer
     ) -> None:
         self.server, self.renderer = server, renderer
-        self.image_plane = ImagePlane(operating_point.kinematics.width, operating_point.kinematics.height)
+        self.image_plane = ImagePlane(operating_point.width, operating_point.height)
         self.size = self.image_plane.size
         place_first_camera(server, (0.0, 0.0, self.far), FOV)
         blank = renderer.draw(operating_point.rest.numpy())
@@ -211,11 +212,12 @@ class CameraCanvas:
         self, server: viser.ViserServer, operating_point: OperatingPoint, renderer: SceneRenderer, side: int
     ) -> None:
         self.server, self.operating_point, self.renderer, self.side = server, operating_point, renderer, side
-        image_plane = ImagePlane(operating_point.kinematics.width, operating_point.kinematics.height)
+        image_plane = ImagePlane(operating_point.width, operating_point.height)
         self.scene_frame, self.size = SceneFrame(renderer.center[2], image_plane), image_plane.size
         self.axes, self.drag_proxies = np.eye(3)[:2], overlays.DragProxies(operating_point)
         rest = operating_point.rest.numpy()
-        self.silhouettes = overlays.Silhouettes(renderer, self.scene_frame, self.drag_proxies.moving, rest)
+        of_matter = self.drag_proxies.of_matter
+        self.silhouettes = overlays.Silhouettes(renderer, self.scene_frame, of_matter, rest)
         self.resting = False
         self.drawn_keys: dict[int, bytes] = {}
         place_first_camera(server, self.scene_frame.eye, self.scene_frame.fov(self.size[0] / self.size[1]))

@@ -12,6 +12,7 @@ import viser
 from viser import uplot
 
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
+from lagsplat.viewer.simulation.grasp import FINEST_PX
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -65,16 +66,16 @@ class ControlPanel:
             client.add_notification("LaGSplat", text, auto_close_seconds=8.0)
 
     def refresh(self, snapshot: Snapshot, now_s: float) -> None:
-        """Add a snapshot to the plots; send plots, banner and rates every `REFRESH_S`."""
+        """Add a snapshot to the plots; send a new banner at once, plots and rates every `REFRESH_S`."""
         self.plots.add(snapshot)
-        if now_s < self.refreshed_s + REFRESH_S:
-            return
-        self.refreshed_s = now_s
-        self.plots.send()
         if snapshot.banner != self.banner_text:
             self.banner_text = snapshot.banner
             self.banner.content = f"> **{self.banner_text}**" if self.banner_text else ""
             self.banner.visible = bool(self.banner_text)
+        if now_s < self.refreshed_s + REFRESH_S:
+            return
+        self.refreshed_s = now_s
+        self.plots.send()
         steps, frames = self.loop.rates()
         line = f"{snapshot.time_s:.1f} s · {steps:.0f} steps/s · {frames:.0f} frames/s"
         if self.shows_latency and self.scene_view.latencies_ms:
@@ -132,9 +133,9 @@ class ControlPanel:
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
         def set_radius(s: Session, value: float) -> None:
-            s.grasp_model.radius_px = width * value
+            s.grasp_model.radius_px = max(FINEST_PX, width * value)
 
-        width = session.operating_point.kinematics.width
+        width = session.operating_point.width
         hint = "Power of ten: 0 as chosen, 1 ten times as strong"
         self._add_slider(
             "Force scale", (-1.0, 1.0, 0.05), 0.0, lambda s, x: setattr(s, "strength", 10.0**x), hint=hint

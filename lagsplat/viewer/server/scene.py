@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from lagsplat.array_types import Vector
-from lagsplat.forces.equilibrium import OperatingPoint
+from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
 from lagsplat.viewer.rendering.renderer import FrameRenderer, ImageRenderer, RgbImage
 from lagsplat.viewer.server.canvas import CameraCanvas, Canvas, ImageCanvas, add_image
@@ -46,13 +46,14 @@ class SceneView:
         self.server, self.canvas, self.read_frame, self.residual = server, canvas, read_frame, residual
         self.grasp_model, self.field = session.grasp_model, AccelerationField(operating_point)
         self.shown = dict.fromkeys(OVERLAYS, False)
-        self.fastest = self.field.largest(np.abs(session.recorded.v).max(0))
+        fastest = np.abs(session.recorded.v).max(0)
+        self.fastest = self.field.largest(operating_point.rest.numpy(), fastest)
         self.latencies_ms: deque[float] = deque(maxlen=LATENCIES)
         self.measured_s: float | None = None
         scene, (width, height) = server.scene, canvas.size
         scene.set_up_direction("+y")
         scene.world_axes.visible = False
-        blank = np.zeros((operating_point.kinematics.height, operating_point.kinematics.width, 3), np.uint8)
+        blank = np.zeros((operating_point.height, operating_point.width, 3), np.uint8)
         self.recorded_image = add_image(scene, "/real", blank, canvas.size, left=GAP * width)
         above = (0.0, 0.54 * height, 0.0)
         self.recorded_label = scene.add_label("/real/name", "recorded", anchor="top-center", position=above)
@@ -86,7 +87,7 @@ class SceneView:
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ self.canvas.axes
         ring = self.canvas.to_scene(place + self.grasp_model.radius_px * circle)
         self.brush.points = to_segments(ring).astype(np.float32)
-        tip = place + grasp.force / self.grasp_model.gain
+        tip = place + grasp.force / grasp.gain
         self.arrow.visible = bool(np.linalg.norm(tip - place) > SHORTEST_PX)
         self.arrow.points = self.canvas.to_scene(np.stack([place, tip])[None], layer=2).astype(np.float32)
 
@@ -100,7 +101,7 @@ class SceneView:
             self.velocity.points = self._arrows(snapshot.q, snapshot.v, self.fastest)
         if residual is not None:
             rate = residual(snapshot)
-            self.residual_lines.points = self._arrows(snapshot.q, rate, self.field.largest(rate))
+            self.residual_lines.points = self._arrows(snapshot.q, rate, self.field.largest(snapshot.q, rate))
         if frame is not None:
             self.recorded_image.image = self.read_frame(frame)
 

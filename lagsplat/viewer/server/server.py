@@ -40,7 +40,7 @@ class ViewerServer:
             log.warning(text)
         _require_address(config.host)
         self.session, self.title, self.folder = session, title, folder
-        training_side = max(operating_point.kinematics.height, operating_point.kinematics.width)
+        training_side = max(operating_point.height, operating_point.width)
         self.renderer = open_renderer(operating_point, side=config.side)
         self.small_renderer = open_renderer(operating_point, side=training_side)
         self.server = viser.ViserServer(config.host, config.port, verbose=False)
@@ -104,8 +104,7 @@ class ViewerServer:
         session.release()
         if drag is None:
             raise ValueError("the pointer does not point at anything; nothing was pushed")
-        at, gaussian = drag.find_target(session.q)
-        if session.grasp(at, gaussian=gaussian, requested_s=now_s).is_background:
+        if session.grasp(drag.find_target(session.q), requested_s=now_s).is_background:
             self.panel.notify("Nothing there moves: that is background. Drag the object.")
 
     def _read_history(self) -> SessionHistory:
@@ -134,7 +133,7 @@ class ViewerServer:
             number = 1
             while (stem := self.folder / f"session_{number:03d}").with_suffix(".mcap").exists():
                 number += 1
-            inputs, gain = list(session.recorded.names), session.grasp_model.gain
+            inputs, gain = list(session.recorded.names), session.grasp_model.usual_gain
             meta = {"title": self.title, "inputs": inputs, "kappa": session.kappa}
             small = self.small_renderer
             paths = export_session(stem, history, self.renderer, meta, gain=gain, small_renderer=small)

@@ -40,6 +40,8 @@ def export_session(
 ) -> tuple[Path, ...]:
     """Write a session as ``stem.mcap``, ``stem.mp4`` and ``stem.gif``; the videos show the force as an arrow.
 
+    An arrow is as long as the force over ``gain`` [energy per px^2].
+
     Raises:
         FileExistsError: the MCAP file exists already.
     """

@@ -8,10 +8,10 @@ from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint, compute_static_stiffness
-from lagsplat.forces.grasp import GraspPoint, NoMatterError, Place, Point, grasp_along_ray, grasp_brush
+from lagsplat.forces.equilibrium import compute_static_stiffness
+from lagsplat.forces.grasp import GraspPoint, Place, Point, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
-from lagsplat.forces.moving_parts import STILL
+from lagsplat.forces.operating_point import OperatingPoint
 
 State = tuple[Vector, Vector]  # q and its velocity [1/s]
 
@@ -76,12 +76,13 @@ class EnergyBalance:
         return replace(self, kinetic=float(law.kinetic(q, v)), potential=float(law.potential(q)))
 
 
-OBJECT = 0.5
-"""Share of the largest motion: the Gaussians that move at least as much set the strength of a drag."""
-PRESENT = 0.1  # opacity above which a Gaussian counts as visible at rest
-LARGEST = 0.98  # quantile of the motions that is taken as the largest, so that a few outliers do not set it
+FOLLOW = 0.65  # share of the way of the hand that the held matter goes at rest, to first order
+LEAST_FOLLOW = 0.25  # share of the usual mobility that is the least one, so that forces at a pivot are finite
+MOST_REACH = 2.0  # visited radii that a drag moves the state at most, to first order
+OBJECT = 0.5  # share of the largest motion: points that move at least as much have the usual mobility
 WEAKEST = 1e-6
 """Share of the largest stiffness: lower bound on every stiffness, and the size of an unstable one."""
+FINEST_PX = 1.0  # least radius of the brush: material points are a pixel apart
 
 
 @dataclass(frozen=True)
@@ -89,17 +90,28 @@ class Grasp:
     """A force on the matter of ``grasp_point``.
 
     ``force`` [energy of the law per px] points right, down and, in space, away from the recording camera.
-    ``is_background`` is true where the matter hardly moves with any coordinate.
+    ``gain`` [energy per px^2] is the force of a short drag per pixel. ``answer`` is the motion of the state
+    under a unit of force, to first order, as a share of the longest that a drag may cause.
     """
 
     grasp_point: GraspPoint
+    gain: float
+    answer: Float64[np.ndarray, "d n"]
     force: Float64[np.ndarray, " n"]
-    is_background: bool
 
     @property
-    def load(self) -> Vector:
-        """The generalised force [energy of the law per whitened unit]."""
-        return self.force @ self.grasp_point.jacobian.numpy()
+    def is_background(self) -> bool:
+        """Whether no matter was under the brush, so that nothing can be moved."""
+        return self.grasp_point.is_background
+
+    def pulled(self, drag_px: Float64[np.ndarray, " n"], *, strength: float) -> "Grasp":
+        """The same grasp under the force of a drag, limited by `MOST_REACH`, times ``strength``."""
+        force = self.gain * drag_px
+        return replace(self, force=strength / max(1.0, float(np.linalg.norm(self.answer @ force))) * force)
+
+    def load(self, q: Vector) -> Vector:
+        """The generalised force at the state ``q`` [energy of the law per whitened unit]."""
+        return self.grasp_point.pull_back(torch.from_numpy(self.force), torch.from_numpy(q)).numpy()
 
     def place(self, q: Vector) -> Float64[np.ndarray, " n"]:
         """Position of the grasped matter at the state ``q`` [px]."""
@@ -107,44 +119,34 @@ class Grasp:
 
 
 class GraspModel:
-    """Turns a drag into a force: the radius of the brush and the force per pixel of drag.
+    """Turns a drag into a force: the radius of the brush [px], and how the matter answers to a force.
 
-    The ``gain`` [energy per px^2] is chosen from the stiffness at rest: a drag of ``reach`` image widths on
-    the object moves the state by the share `ForcesConfig.response` of the visited radius.
+    Matter with the Jacobian ``J`` has the mobility ``|J C J^T|_F`` [px^2 per energy], where ``C`` is the
+    ``compliance`` of the state at rest. It follows a drag by about `FOLLOW` of its way. ``usual_gain``
+    [energy per px^2] is the gain of matter of the usual mobility.
     """
 
-    def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig, *, reach: float) -> None:
-        kinematics, rest = operating_point.kinematics, operating_point.rest[None]
-        self.kinematics, self.radius_px = kinematics, forces.brush * kinematics.width
-        present = kinematics.presence(rest)[0] > PRESENT
-        jacobian = kinematics.geometry.jacobian
-        motion = jacobian.flatten(1).norm(dim=1)
-        visible = motion[present] if bool(present.any()) else motion
-        self.largest_motion = float(visible.quantile(LARGEST))
-        # at least one must remain, even where all motions are equal or the decoder has few Gaussians
-        chosen = jacobian[present & (motion >= OBJECT * self.largest_motion)]
-        chosen = chosen if len(chosen) else jacobian[motion.argmax()][None]
-        stiffness = compute_static_stiffness(operating_point.law, rest, operating_point.u[None])[0]
+    def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig) -> None:
+        self.operating_point, rest = operating_point, operating_point.rest
+        self.radius_px = max(FINEST_PX, forces.brush * operating_point.width)
+        self.farthest = MOST_REACH * operating_point.visited_radius
+        stiffness = compute_static_stiffness(operating_point.law, rest[None], operating_point.u[None])[0]
         values, vectors = torch.linalg.eigh(stiffness)
         values = values.abs().clamp(min=WEAKEST * float(values.abs().max()))
         compliance = (vectors / values) @ vectors.T
-        answers = torch.linalg.matrix_norm(chosen @ compliance, ord=2)
-        drag_px = reach * kinematics.width
-        self.gain = forces.response * operating_point.visited_radius / (float(answers.median()) * drag_px)
+        jacobian = operating_point.matter.jacobian(rest)
+        motion = jacobian.flatten(1).norm(dim=1)
+        chosen = jacobian[motion >= OBJECT * motion.max()]
+        usual = float(torch.linalg.matrix_norm(chosen @ compliance @ chosen.mT).median())
+        self.compliance, self.usual_gain = compliance.numpy(), FOLLOW / usual
+        self.least_mobility = LEAST_FOLLOW * usual
 
-    def grasp(self, q: Vector, at: Point | Place, *, gaussian: int | None = None) -> Grasp:
-        """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet.
-
-        Where no centre is under the brush, the Gaussian with the number ``gaussian`` is grasped, if one is
-        given.
-        """
-        state = torch.from_numpy(q)
-        try:
-            grasp_point = grasp_brush(self.kinematics, state, at, radius=self.radius_px)
-        except NoMatterError:
-            if gaussian is None:
-                raise
-            grasp_point = grasp_along_ray(self.kinematics, state, gaussian)
-            grasp_point = replace(grasp_point, at=torch.tensor(at, dtype=torch.float64))
-        is_background = float(grasp_point.jacobian.norm()) < STILL * self.largest_motion
-        return Grasp(grasp_point, np.zeros(self.kinematics.space), is_background)
+    def grasp(self, q: Vector, at: Point | Place) -> Grasp:
+        """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet."""
+        point, state = self.operating_point, torch.from_numpy(q)
+        size = (point.height, point.width)
+        held = grasp_brush(point.matter, state, at, radius=self.radius_px, size=size)
+        jacobian = held.jacobian(state).numpy()
+        answer = self.compliance @ jacobian.T
+        gain = FOLLOW / max(float(np.linalg.norm(jacobian @ answer)), self.least_mobility)
+        return Grasp(held, gain, answer / self.farthest, np.zeros(point.matter.space))

@@ -12,9 +12,11 @@ from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint, fit_energy_scale, settle
+from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.grasp import Place, Point
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.forces.loads import PointLoad
+from lagsplat.forces.operating_point import OperatingPoint, fit_energy_scale
 from lagsplat.stage2.lagrangian import UNTOUCHED, LawEdits
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.viewer.simulation.grasp import EnergyBalance, Grasp, GraspModel
@@ -65,7 +67,7 @@ class Session:
         self.operating_point, self.recorded = point, recorded
         self.config, self.forces = config, forces
         self.dt_s = point.chart.dt_s
-        self.grasp_model = GraspModel(point, forces, reach=config.reach)
+        self.grasp_model = GraspModel(point, forces)
         self.coverage = measure_coverage(point.chart, beyond=config.beyond)
         self.edits, self.law = UNTOUCHED, make_fast_lagrangian(point.law)
         self.u = point.u.numpy().copy()
@@ -83,23 +85,22 @@ class Session:
         self.kappa: float | None = None
         self.requested_s: float | None = None
 
-    def grasp(
-        self, at: Point | Place, *, gaussian: int | None = None, requested_s: float | None = None
-    ) -> Grasp:
-        """Grasp the matter at ``at`` [px]; in space ``gaussian`` is the number of the Gaussian there.
+    def grasp(self, at: Point | Place, *, requested_s: float | None = None) -> Grasp:
+        """Grasp the matter at ``at`` [px], or the background where there is none.
 
         Raises:
-            ValueError: there is nothing, or the point is outside the image.
+            ValueError: the point is outside the image or not finite.
         """
         self.replaying, self.requested_s = None, requested_s
-        self.active_grasp = self.grasp_model.grasp(self.q, at, gaussian=gaussian)
+        self.active_grasp = self.grasp_model.grasp(self.q, at)
         return self.active_grasp
 
     def pull(self, drag_px: Float64[np.ndarray, " n"], *, requested_s: float | None = None) -> None:
         """Apply the force of a drag (right, down and, in space, ahead) until the next one or `release`.
 
-        The force is ``strength`` times `GraspModel.gain` times the drag. It does not change while the matter
-        moves. Without a grasp nothing happens.
+        The force is ``strength`` times that of `Grasp.pulled`. It keeps size and direction while the matter
+        moves; its generalised force is that of the state at the start of each step. Without a grasp nothing
+        happens.
 
         Raises:
             ValueError: a drag that is not finite.
@@ -107,8 +108,7 @@ class Session:
         if not np.isfinite(drag_px).all():
             raise ValueError(f"a drag of {drag_px.tolist()} px is not finite; nothing was pushed")
         if self.active_grasp is not None:
-            force = self.strength * self.grasp_model.gain * drag_px
-            self.active_grasp = replace(self.active_grasp, force=force)
+            self.active_grasp = self.active_grasp.pulled(drag_px, strength=self.strength)
             self.last_push, self.requested_s = self.active_grasp, requested_s
 
     def release(self, *, requested_s: float | None = None) -> None:
@@ -151,8 +151,7 @@ class Session:
             ValueError: no equilibrium was found.
         """
         law, start = self.operating_point.law, self.operating_point.rest
-        u, load = torch.from_numpy(self.u)[None], torch.zeros(1, law.d).double()
-        rest = settle(law, u, load, edits=self.edits, start=start)[0].numpy()
+        rest = settle(law, torch.from_numpy(self.u)[None], edits=self.edits, start=start)[0].numpy()
         self._reset(rest, np.zeros(law.d), None)
 
     def to_frame(self, frame: int) -> None:
@@ -176,12 +175,12 @@ class Session:
         """
         point = self.operating_point
         sizes = (history.q.shape[1], history.u.shape[1], history.force.shape[1])
-        same = sizes == (point.law.d, len(self.u), point.kinematics.space)
+        same = sizes == (point.law.d, len(self.u), point.matter.space)
         if not same or abs(history.dt_s / self.dt_s - 1.0) > 1e-6:
             raise ValueError(
                 f"the session has {sizes[0]} coordinates, {sizes[1]} inputs, forces in {sizes[2]} dimensions "
                 f"and steps of {history.dt_s:.6g} s, this run {point.law.d}, {len(self.u)}, "
-                f"{point.kinematics.space} and {self.dt_s:.6g} s; open the run that it was made with"
+                f"{point.matter.space} and {self.dt_s:.6g} s; open the run that it was made with"
             )
         self.replaying, self.replay_row = history, 0
         self.status = "running"
@@ -200,10 +199,10 @@ class Session:
             raise ValueError("push the object once, where and as you pushed the real one, and calibrate then")
         if not (np.isfinite([force, moved_px]).all() and force > 0 and moved_px > 0):
             raise ValueError(f"force={force} and moved_px={moved_px}: both must be positive numbers")
-        along = self.last_push.force / np.linalg.norm(self.last_push.force)
-        jacobian = self.last_push.grasp_point.jacobian.numpy()
-        load, moved = force * along @ jacobian, moved_px * along[None]
-        self.kappa = fit_energy_scale(self.operating_point, load, jacobian[None], moved)
+        along, points = self.last_push.force[None], self.last_push.grasp_point.points
+        along = along / np.linalg.norm(along)
+        push = PointLoad(points, torch.from_numpy(force * along))
+        self.kappa = fit_energy_scale(self.operating_point, push, points, moved_px * along)
         return self.kappa
 
     def step(self) -> None:
@@ -251,7 +250,8 @@ class Session:
         if self.frame is not None:
             self.u = self.recorded.u[self.frame].copy() if self.following else self.u
             self.frame = self.recorded.next_frame(self.frame)
-        return np.zeros(self.operating_point.law.d) if self.active_grasp is None else self.active_grasp.load
+        grasp = self.active_grasp
+        return np.zeros(self.operating_point.law.d) if grasp is None else grasp.load(self.q)
 
     def _replay_step(self) -> Vector:
         history, row = self.replaying, self.replay_row
@@ -277,7 +277,7 @@ class Session:
 
     def _record_row(self, load: Vector) -> None:
         energy, edits, grasp = self.energy, self.edits, self.active_grasp
-        space = self.operating_point.kinematics.space
+        space = self.operating_point.matter.space
         force = np.zeros(space) if grasp is None else grasp.force
         place = np.full(space, np.nan) if grasp is None else grasp.place(self.q)
         factors = np.array([edits.damping, edits.inertia, edits.stiffness])

@@ -1,4 +1,4 @@
-"""Builds one self-contained HTML page from a session: law, Gaussians and recording as JSON in the page."""
+"""Builds one self-contained HTML page from a session: law, matter, Gaussians and recording as JSON in it."""
 
 import base64
 import html
@@ -11,11 +11,15 @@ import numpy as np
 import torch
 from jaxtyping import Float32
 from jinja2 import Template
+from torch import Tensor
 
-from lagsplat.forces.equilibrium import OperatingPoint
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.io.files.atomic import write_text
-from lagsplat.monomials import ROOM
+from lagsplat.matter.body_motion import BodyMotion
+from lagsplat.matter.field import MatterField
+from lagsplat.monomials import ROOM, list_exponents, make_wide_ball
+from lagsplat.stage2.decoder_mass import compute_decoder_geometry
 from lagsplat.stage2.numpy_lagrangian import (
     ConstantSpd,
     ConvexNet,
@@ -26,10 +30,11 @@ from lagsplat.stage2.numpy_lagrangian import (
     SpdField,
 )
 from lagsplat.stage2.polynomials import LOADS, SPRINGS
-from lagsplat.viewer.rendering.overlays import PRESENT, AccelerationField, select_moving, trace_rest_outline
+from lagsplat.viewer.rendering.overlays import AccelerationField, trace_rest_outline
+from lagsplat.viewer.simulation.grasp import FOLLOW
 from lagsplat.viewer.simulation.session import Session
 
-MECHANICS = ("law.js", "hand.js", "plane.js", "depth.js", "space.js", "session.js")
+MECHANICS = ("law.js", "matter.js", "gaussians.js", "plane.js", "depth.js", "space.js", "session.js")
 """Scripts that also run without a browser."""
 SCRIPTS = (*MECHANICS, "splats.js", "chart.js", "pointer.js", "app.js")
 LARGEST_BYTES = 15_000_000
@@ -49,7 +54,7 @@ def render_page(session: Session, *, title: str, subtitle: str) -> str:
         subtitle=html.escape(subtitle),
         style=read_asset("style.css"),
         script="\n".join(read_asset(name) for name in SCRIPTS),
-        space=session.operating_point.kinematics.space,
+        space=session.operating_point.matter.space,
         run=run,
     )
 
@@ -79,7 +84,7 @@ def pack_page(session: Session) -> dict[str, Any]:
     Raises:
         ValueError: the mass is induced by the decoder, which a page does not compute.
     """
-    operating_point, recorded = session.operating_point, session.recorded
+    operating_point, recorded, grasp_model = session.operating_point, session.recorded, session.grasp_model
     law = make_fast_lagrangian(operating_point.law)
     if not isinstance(law, NumpyLagrangian):
         raise ValueError(
@@ -91,16 +96,22 @@ def pack_page(session: Session) -> dict[str, Any]:
     kept = slice(start, min(stop, start + FRAMES))
     columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
     field = AccelerationField(operating_point)
-    fastest = field.largest(np.abs(recorded.v).max(0))
+    fastest = field.largest(operating_point.rest.numpy(), np.abs(recorded.v).max(0))
     page = {
         "d": operating_point.law.d,
         "dt": session.dt_s,
         "rest": operating_point.rest,
         "reach": operating_point.visited_radius,
         "divergence": session.config.divergence,
-        "gain": session.grasp_model.gain,
-        "brush": session.grasp_model.radius_px,
+        "brush": grasp_model.radius_px,
+        "pull": {
+            "follow": FOLLOW,
+            "compliance": grasp_model.compliance,
+            "leastMobility": grasp_model.least_mobility,
+            "farthest": grasp_model.farthest,
+        },
         "law": pack_law(law),
+        "matter": pack_matter(operating_point.matter),
         "splats": _pack_splats(operating_point),
         "coverage": vars(session.coverage),
         "inputs": {
@@ -155,13 +166,13 @@ def pack_gaussians(operating_point: OperatingPoint) -> Float32[np.ndarray, "K ro
     A row holds the position at ``q = 0``, the Jacobian of x, y and, in space, z, offset and factor of the
     gate, opacity, colour and covariance, padded to whole texels.
     """
-    kinematics, gaussians = operating_point.kinematics, operating_point.autoencoder.gaussians
-    geometry = kinematics.geometry
+    gaussians = operating_point.autoencoder.gaussians
+    geometry = compute_decoder_geometry(operating_point.autoencoder, operating_point.chart)
     with torch.no_grad():
         color, covariance = gaussians.color_logit.sigmoid().cpu(), gaussians.covariance().cpu()
     latent = geometry.center[..., None]
     parts = [
-        kinematics.center - (geometry.jacobian @ latent)[..., 0],
+        gaussians.center.detach().cpu().double() - (geometry.jacobian @ latent)[..., 0],
         geometry.jacobian.flatten(1),
         (geometry.precision_factor @ latent)[..., 0],
         geometry.precision_factor.flatten(1),
@@ -174,27 +185,41 @@ def pack_gaussians(operating_point: OperatingPoint) -> Float32[np.ndarray, "K ro
 
 
 def _pack_splats(operating_point: OperatingPoint) -> dict[str, Any]:
-    kinematics, table = operating_point.kinematics, pack_gaussians(operating_point)
+    autoencoder, table = operating_point.autoencoder, pack_gaussians(operating_point)
+    space, places = autoencoder.gaussians.space, operating_point.matter.carry(operating_point.rest[None])[0]
     return {
-        "constants": base64.b64encode(table.astype("<f4").tobytes()).decode(),
+        "constants": encode_numbers(table, "<f4"),
         "count": len(table),
-        "d": kinematics.d,
-        "space": kinematics.space,
-        "camera": None if kinematics.space == 2 else _pack_camera(operating_point),
-        "background": operating_point.autoencoder.gaussians.background().detach().cpu(),
-        "height": kinematics.height,
-        "width": kinematics.width,
+        "d": operating_point.law.d,
+        "space": space,
+        "camera": None if space == 2 else {"lens": autoencoder.lens, "depth": places[:, 2].median()},
+        "background": autoencoder.gaussians.background().detach().cpu(),
+        "height": operating_point.height,
+        "width": operating_point.width,
     }
 
 
-def _pack_camera(operating_point: OperatingPoint) -> dict[str, Any]:
-    """Pack the recording camera, the Gaussians that can be dragged and their median depth at rest."""
-    kinematics, rest = operating_point.kinematics, operating_point.rest[None]
-    moves = select_moving(kinematics)
-    visible = moves & (kinematics.presence(rest)[0].numpy() > PRESENT)
-    depth = kinematics.places(rest)[0, :, 2].numpy()[visible if visible.any() else moves]
-    lens = operating_point.autoencoder.lens
-    return {"lens": lens, "moves": np.flatnonzero(moves), "depth": np.median(depth)}
+def pack_matter(matter: MatterField) -> dict[str, Any]:
+    """Pack the material points [px] and the motion of their bodies as ``assets/matter.js`` reads them."""
+    points = encode_numbers(matter.points.numpy(), "<f8")
+    return to_plain({"points": points, "body": matter.body, "bodies": [_pack_body(x) for x in matter.bodies]})
+
+
+def _pack_body(body: BodyMotion) -> dict[str, Any]:
+    state = list_exponents(body.d, lowest=1, highest=body.latent_degree)
+    place = list_exponents(body.space, lowest=0, highest=body.bending)
+    return {
+        "center": body.center,
+        "size": body.size,
+        "state": _pack_monomials(state, body.ball) | {"freeDegree": 1},
+        "coefficients": body.coefficients,
+        "place": _pack_monomials(place, make_wide_ball(body.space)) if body.bending else None,
+    }
+
+
+def encode_numbers(numbers: np.ndarray, kind: str) -> str:
+    """Encode an array as base64 of the numbers of a NumPy type such as ``<f4``, row by row."""
+    return base64.b64encode(numbers.astype(kind).tobytes()).decode()
 
 
 def pack_convex_net(net: ConvexNet | None) -> dict[str, Any] | None:
@@ -232,5 +257,5 @@ def _pack_map(coordinates: CoordinatesInArrays) -> dict[str, Any]:
     }
 
 
-def _pack_monomials(exponents: np.ndarray, ball: np.ndarray) -> dict[str, Any]:
+def _pack_monomials(exponents: np.ndarray | Tensor, ball: np.ndarray | Tensor) -> dict[str, Any]:
     return {"exponents": exponents, "ball": ball, "room": ROOM, "freeDegree": 0}

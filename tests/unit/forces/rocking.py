@@ -1,11 +1,14 @@
 """Runs in miniature whose kinematics is known: a disc that rocks about its lower edge, an arm that hangs."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
+from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.stage1.autoencoder import Autoencoder
+from tests.matter_fields import list_pixels, make_linear_matter
 from tests.unit.evaluate.tiny_run import lagrangian
 
 HEIGHT, WIDTH = 24, 32
@@ -16,24 +19,46 @@ CLAMP = (16.0, 2.0)
 def rocking(*, frames: int = 60) -> OperatingPoint:
     """A disc of radius 7 px around (16, 12) that turns about `CONTACT`, before a wall that stands still."""
     places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 2) for x in np.arange(1.0, 32, 2)])
-    on = (places - torch.tensor([16.0, 12.0])).norm(dim=1) < 7.0
-    arm = places - torch.tensor(CONTACT)
-    turn = torch.stack([-arm[:, 1], arm[:, 0]], 1)[:, :, None]
-    return _held(places, torch.where(on[:, None, None], 0.1 * turn, 0.0), on, frames=frames)
+
+    def covers(places: torch.Tensor) -> torch.Tensor:
+        return (places - torch.tensor([16.0, 12.0])).norm(dim=1) < 7.0
+
+    def move(places: torch.Tensor) -> torch.Tensor:
+        arm = places - torch.tensor(CONTACT)
+        return 0.1 * torch.stack([-arm[:, 1], arm[:, 0]], 1)[:, :, None]
+
+    return _held(places, covers, move, frames=frames)
 
 
 def hanging(*, frames: int = 60) -> OperatingPoint:
     """A strip 4 px wide that hangs from `CLAMP`: one coordinate bends it, the other stretches it."""
     places = torch.tensor([(x, y) for y in np.arange(1.0, 24, 1.5) for x in np.arange(1.0, 32, 1.5)])
-    down = places[:, 1] - CLAMP[1]
-    on = ((places[:, 0] - CLAMP[0]).abs() < 2.5) & (down > 0) & (down < 21)
-    bend = torch.stack([0.01 * down**2, 0.0 * down], 1)
-    stretch = torch.stack([0.0 * down, 0.08 * down], 1)
-    jacobian = torch.stack([bend, stretch], 2)
-    return _held(places, torch.where(on[:, None, None], jacobian, 0.0), on, frames=frames)
+
+    def covers(places: torch.Tensor) -> torch.Tensor:
+        down = places[:, 1] - CLAMP[1]
+        return ((places[:, 0] - CLAMP[0]).abs() < 2.5) & (down > 0) & (down < 21)
+
+    def move(places: torch.Tensor) -> torch.Tensor:
+        down = places[:, 1] - CLAMP[1]
+        bend = torch.stack([0.01 * down**2, 0.0 * down], 1)
+        stretch = torch.stack([0.0 * down, 0.08 * down], 1)
+        return torch.stack([bend, stretch], 2)
+
+    return _held(places, covers, move, frames=frames)
 
 
-def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, frames: int) -> OperatingPoint:
+def _held(
+    places: torch.Tensor,
+    covers: Callable[[torch.Tensor], torch.Tensor],
+    move: Callable[[torch.Tensor], torch.Tensor],
+    *,
+    frames: int,
+) -> OperatingPoint:
+    """A run whose decoder and matter move alike where an object ``covers`` the picture."""
+    on = covers(places)
+    jacobian = torch.where(on[:, None, None], move(places), 0.0)
+    pixels = list_pixels(HEIGHT, WIDTH)
+    pixels = pixels[covers(pixels)]
     n, d = len(places), jacobian.shape[2]
     size = {"height": HEIGHT, "width": WIDTH}
     model = Autoencoder(d=d, n_gaussians=n, kernel=12, channels=2, background="black", backend="auto", **size)
@@ -62,4 +87,5 @@ def _held(places: torch.Tensor, jacobian: torch.Tensor, on: torch.Tensor, *, fra
         condition=1.0,
         intrinsic_dimension=float(d),
     )
-    return hold_at_load(model.eval(), chart, lagrangian(d))
+    matter = make_linear_matter(pixels, move(pixels), bending=2)
+    return hold_at_load(model.eval(), chart, lagrangian(d), matter)

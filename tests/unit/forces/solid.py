@@ -4,8 +4,9 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import OperatingPoint, hold_at_load
+from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.stage1.autoencoder import Autoencoder
+from tests.matter_fields import list_pixels, make_linear_matter
 from tests.unit.evaluate.tiny_run import lagrangian
 
 HEIGHT, WIDTH, FOCAL = 24, 32, 100.0
@@ -20,8 +21,7 @@ def turning(*, frames: int = 60) -> OperatingPoint:
     plate = grid[(grid - middle).norm(dim=1) < 7.0]
     places = torch.cat([spread(grid - middle, WALL), spread(plate - middle, FRONT)])
     on = torch.arange(len(places)) >= len(grid)
-    arm = places[:, :2] - torch.tensor([0.0, 7.0])
-    turn = torch.stack([-arm[:, 1], arm[:, 0], torch.zeros(len(places))], 1)[:, :, None]
+    turn = turn_in_picture(places)
     size = {"height": HEIGHT, "width": WIDTH}
     model = Autoencoder(
         d=1,
@@ -58,7 +58,16 @@ def turning(*, frames: int = 60) -> OperatingPoint:
         condition=1.0,
         intrinsic_dimension=1.0,
     )
-    return hold_at_load(model.eval(), chart, lagrangian(1))
+    pixels = list_pixels(HEIGHT, WIDTH) - middle
+    points = spread(pixels[pixels.norm(dim=1) < 7.0], FRONT)
+    matter = make_linear_matter(points, 0.1 * turn_in_picture(points))
+    return hold_at_load(model.eval(), chart, lagrangian(1), matter)
+
+
+def turn_in_picture(places: torch.Tensor) -> torch.Tensor:
+    """Motion of places that turn about a point below the middle, in the plane of the picture."""
+    arm = places[:, :2] - torch.tensor([0.0, 7.0])
+    return torch.stack([-arm[:, 1], arm[:, 0], torch.zeros(len(places))], 1)[:, :, None]
 
 
 def spread(offset: torch.Tensor, depth: float) -> torch.Tensor:

@@ -1,6 +1,8 @@
 """Grasps by a brush and along a ray."""
 
 import math
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,95 +10,95 @@ import torch
 
 from lagsplat.evaluate.forces.motion import push_across, push_in_space
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import OperatingPoint
-from lagsplat.forces.grasp import (
-    MatterKinematics,
-    NoMatterError,
-    cast_ray,
-    compute_kinematics,
-    grasp_along_ray,
-    grasp_brush,
-    grasp_nearest,
-)
+from lagsplat.forces.grasp import NoMatterError, follow_places, grasp_brush
+from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.forces.ray import cast_ray
+from lagsplat.matter.body_motion import make_body_at_rest
+from lagsplat.matter.field import MatterField
+from lagsplat.monomials import make_wide_ball
 from lagsplat.report.figures.forces import draw_space_push, turn_camera
 from lagsplat.splat.projection import View, make_view
-from lagsplat.stage2.decoder_mass import DecoderGeometry
-from tests.unit.evaluate.tiny_run import autoencoder, chart, recording
+from tests.matter_fields import list_pixels
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, FRONT, HEIGHT, WALL, WIDTH, turning
 
 STILL = torch.zeros(1, dtype=torch.float64)
+PIVOT = torch.tensor([5.0, 15.0], dtype=torch.float64)
 
 
-def two() -> MatterKinematics:
-    """One Gaussian that moves right and fades away from q = 0, and one that never moves."""
-    return MatterKinematics(
-        DecoderGeometry(
-            jacobian=torch.tensor([[[2.0], [0.0]], [[0.0], [0.0]]], dtype=torch.float64),
-            center=torch.zeros(2, 1, dtype=torch.float64),
-            precision_factor=torch.ones(2, 1, 1, dtype=torch.float64),
-            opacity=torch.tensor([0.5, 1.0], dtype=torch.float64),
-        ),
-        center=torch.tensor([[4.0, 5.0], [8.0, 5.0]], dtype=torch.float64),
-        height=10,
-        width=20,
-    )
+def bar() -> MatterField:
+    """A rigid bar from (5, 5) to (15, 6) px that turns about `PIVOT` by one radian a unit of the state."""
+    pixels = list_pixels(20, 20)
+    points = pixels[(pixels[:, 0] > 5) & (pixels[:, 0] < 15) & (pixels[:, 1] > 5) & (pixels[:, 1] < 7)]
+    motion = make_body_at_rest(points, make_wide_ball(1), bending=0)
+    coefficients = torch.zeros_like(motion.coefficients)
+    coefficients[0, 2] = 1.0
+    motion = replace(motion, center=PIVOT, coefficients=coefficients)
+    return MatterField((motion,), points, torch.zeros(len(points)).long())
 
 
-def test_weights_are_those_of_the_paper_and_sum_to_one():
-    grip = grasp_brush(two(), STILL, (4.0, 5.0), radius=2.0)
-    far = math.exp(-0.5 * (4.0 / 2.0) ** 2)
-    share = 0.5 / (0.5 + far)
-    assert float(grip.weights.sum()) == pytest.approx(1.0)
-    assert float(grip.weights[0]) == pytest.approx(share)
+@pytest.mark.parametrize("at", [(10.0, 6.0), (5.2, 5.1), (15.5, 6.5)])
+def test_a_brush_holds_what_is_at_its_middle(at):
+    matter = bar()
+    grip = grasp_brush(matter, STILL, at, radius=2.0)
+    arm = torch.tensor(at) - PIVOT
+    torch.testing.assert_close(grip.jacobian(STILL)[:, 0], torch.stack([-arm[1], arm[0]]), atol=0.02, rtol=0)
     force = torch.tensor([3.0, 7.0], dtype=torch.float64)
-    assert float(grip.pull_back(force)) == pytest.approx(share * 2.0 * 3.0)
+    expected = float(-3.0 * arm[1] + 7.0 * arm[0])
+    assert float(grip.pull_back(force, STILL)) == pytest.approx(expected, abs=0.2)
 
 
-def test_a_grasp_follows_the_matter():
-    grip = grasp_brush(two(), STILL, (4.5, 5.5), radius=0.3)
-    torch.testing.assert_close(
-        grip.place(torch.tensor([1.5], dtype=torch.float64)), torch.tensor([7.5, 5.5], dtype=torch.float64)
-    )
+def test_a_brush_holds_one_body():
+    left, right = bar(), bar()
+    points = torch.cat([left.points, left.points + torch.tensor([10.0, 0.0])])
+    still = make_body_at_rest(right.points, make_wide_ball(1), bending=0)
+    body = (points[:, 0] > 15.0).long()
+    matter = MatterField((left.bodies[0], still), points, body)
+    assert grasp_brush(matter, STILL, (14.8, 6.0), radius=3.0).jacobian(STILL).norm() > 5.0
+    assert grasp_brush(matter, STILL, (15.2, 6.0), radius=3.0).jacobian(STILL).norm() == 0.0
 
 
-def test_the_nearest_grasp_is_one_gaussian():
-    grip = grasp_nearest(two(), STILL, (7.0, 9.0))
-    assert grip.weights.tolist() == [0.0, 1.0]
-    assert float(grip.pull_back(torch.ones(2, dtype=torch.float64))) == 0.0
+def test_a_grasp_follows_the_matter_along_its_arc():
+    matter = bar()
+    grip = grasp_brush(matter, STILL, (10.0, 6.0), radius=1.0)
+    for turn in (0.7, -1.5, 3.0):
+        q = torch.tensor([turn], dtype=torch.float64)
+        arm = grip.points.at[0] - PIVOT
+        cosine, sine = math.cos(turn), math.sin(turn)
+        expected = PIVOT + torch.tensor([[cosine, -sine], [sine, cosine]]).double() @ arm
+        torch.testing.assert_close(grip.place(q), expected, atol=0.05, rtol=0)
+        assert float((grip.place(q) - PIVOT).norm()) == pytest.approx(float(arm.norm()), abs=0.05)
 
 
-@pytest.mark.parametrize(
-    "take", [lambda *a: grasp_brush(*a, radius=1.0), grasp_nearest], ids=["brush", "nearest"]
-)
-def test_a_point_outside_and_a_state_where_nothing_is_drawn_are_refused(take):
+def test_a_grasp_in_another_state_holds_what_is_there_then():
+    matter, q = bar(), torch.tensor([1.0], dtype=torch.float64)
+    middle = matter.carry(q[None])[0].mean(0)
+    grip = grasp_brush(matter, q, tuple(middle.tolist()), radius=1.0)
+    torch.testing.assert_close(grip.place(q), middle)
+    assert not grip.is_background
+    assert grasp_brush(matter, STILL, tuple(middle.tolist()), radius=1.0).is_background
+
+
+def test_off_matter_is_background_that_stays():
+    places = torch.tensor([[6.5, 5.5], [2.0, 18.0]]).double()
+    points, on_matter = follow_places(bar(), STILL, places, radius=1.0)
+    assert on_matter.tolist() == [True, False]
+    assert points.jacobian(STILL)[0].any()
+    assert not points.jacobian(STILL)[1].any()
+    turned = points.carry(torch.tensor([[0.0], [2.0]]).double())[:, 1]
+    torch.testing.assert_close(turned, places[1].expand(2, -1))
+
+
+def test_what_cannot_be_clicked_is_refused():
+    take = partial(grasp_brush, bar(), radius=1.0, size=(10, 20))
     with pytest.raises(NoMatterError, match="outside the image of 20 x 10 px"):
-        take(two(), STILL, (20.5, 5.0))
-    with pytest.raises(NoMatterError, match="no Gaussian is present at the state"):
-        take(two(), STILL + 9.0, (4.0, 5.0))
+        take(STILL, (20.5, 5.0))
     with pytest.raises(ValueError, match="not finite"):
-        take(two(), STILL * torch.nan, (4.0, 5.0))
+        take(STILL * torch.nan, (4.0, 5.0))
     with pytest.raises(ValueError, match="not finite"):
-        take(two(), STILL, (math.nan, 5.0))
-
-
-def test_a_click_on_the_background_colour_and_a_brush_without_width_are_refused():
-    with pytest.raises(NoMatterError, match=r"nothing is present within a brush of 0\.5 px"):
-        grasp_brush(two(), STILL, (15.0, 1.0), radius=0.5)
+        take(STILL, (math.nan, 5.0))
     with pytest.raises(ValueError, match="positive"):
-        grasp_brush(two(), STILL, (4.0, 5.0), radius=0.0)
-
-
-def test_the_kinematics_is_that_of_the_drawn_gaussians():
-    model = autoencoder()
-    of = chart(model, recording())
-    kinematics = compute_kinematics(model, of)
-    q = torch.from_numpy(of.latents[3:6])
-    with torch.no_grad():
-        drawn = model.gaussians.double().condition(torch.from_numpy(of.to_raw(of.latents[3:6])))
-    torch.testing.assert_close(kinematics.places(q), drawn.means)
-    torch.testing.assert_close(kinematics.presence(q), drawn.opacity)
-    assert (kinematics.d, kinematics.height, kinematics.width) == (2, 16, 16)
+        grasp_brush(bar(), STILL, (4.0, 5.0), radius=0.0)
 
 
 CONFIG = ForcesConfig(brush=0.08, response=0.5, points=3, directions=4, levels=[1.0], periods=1.0)
@@ -123,9 +125,8 @@ def test_a_ray_hits_the_plate_before_the_wall_and_the_wall_beside_it(operating_p
         )
         assert hit.depth == pytest.approx(depth, abs=1e-3)
         assert 0.5 < hit.cover < 1.0
-        place = operating_point.kinematics.places(operating_point.rest[None])[0, hit.gaussian].numpy()
-        seen = turn_camera(operating_point, 0.0, 0.0).project(place[None])[0]
-        assert np.hypot(*(seen - pixel)) < 2.5
+        seen = turn_camera(operating_point, 0.0, 0.0).project(np.array([hit.place]))[0]
+        assert seen == pytest.approx(pixel, abs=1e-3)
 
 
 def test_a_ray_from_the_side_hits_what_is_visible_there(operating_point: OperatingPoint) -> None:
@@ -139,9 +140,7 @@ def test_a_ray_from_the_side_hits_what_is_visible_there(operating_point: Operati
         make_view([camera]),
         (float(at[0]), float(at[1])),
     )
-    place = operating_point.kinematics.places(operating_point.rest[None])[0, hit.gaussian].numpy()
-    assert place[2] == pytest.approx(WALL)
-    assert np.linalg.norm(place - on_the_wall[0]) < 3.0
+    assert np.array(hit.place) == pytest.approx(on_the_wall[0], abs=0.5)
 
 
 def test_clicks_on_nothing_are_refused(operating_point: OperatingPoint) -> None:
@@ -175,20 +174,18 @@ def test_clicks_on_nothing_are_refused(operating_point: OperatingPoint) -> None:
 
 
 def test_a_brush_in_space_needs_a_position_and_not_a_pixel(operating_point: OperatingPoint) -> None:
-    with pytest.raises(ValueError, match="2 coordinates and the Gaussians have 3 dimensions"):
-        grasp_brush(operating_point.kinematics, operating_point.rest, MIDDLE, radius=3.0)
-    grip = grasp_brush(operating_point.kinematics, operating_point.rest, (0.0, 0.0, FRONT), radius=2.0)
-    assert grip.jacobian.shape == (3, 1)
-    np.testing.assert_allclose(grip.jacobian[:, 0].numpy(), [0.7, 0.0, 0.0], atol=0.05)  # 0.1 x 7 px below
+    with pytest.raises(ValueError, match="2 coordinates and matter has 3 dimensions"):
+        operating_point.grasp(MIDDLE, radius=3.0)
+    grip = operating_point.grasp((0.0, 0.0, FRONT), radius=2.0)
+    expected = torch.tensor([[0.7], [0.0], [0.0]]).double()  # 0.1 x 7 px below
+    torch.testing.assert_close(grip.jacobian(operating_point.rest), expected, atol=0.01, rtol=0)
 
 
-def test_a_grasp_along_a_ray_follows_its_gaussian(operating_point: OperatingPoint) -> None:
+def test_the_point_of_a_ray_is_on_matter(operating_point: OperatingPoint) -> None:
     hit = cast_ray(
         operating_point.autoencoder, operating_point.chart, operating_point.rest, own(operating_point), MIDDLE
     )
-    grip = grasp_along_ray(operating_point.kinematics, operating_point.rest, hit.gaussian)
-    q = operating_point.rest + 1.3
-    torch.testing.assert_close(grip.place(q), operating_point.kinematics.places(q[None])[0, hit.gaussian])
+    assert not operating_point.grasp(hit.place, radius=1.0).is_background
 
 
 def test_a_force_across_the_motion_moves_nothing_and_one_down_does(operating_point: OperatingPoint) -> None:
@@ -198,7 +195,7 @@ def test_a_force_across_the_motion_moves_nothing_and_one_down_does(operating_poi
     assert numbers["shift_across"] < 1e-12
     assert numbers["shift_down"] == pytest.approx(0.5 * operating_point.visited_radius, rel=0.1)
     assert push.hit.depth == pytest.approx(FRONT, abs=1e-3)
-    assert abs(push.directions[0] @ push.grip.jacobian[:, 0].numpy()) < 1e-15
+    assert abs(push.directions[0] @ push.grip.jacobian(operating_point.rest)[:, 0].numpy()) < 1e-15
     assert push.directions[0][2] > 0.99  # the plate never moves along the line of sight
     figure = draw_space_push(operating_point, push, title="toy")
     assert len(figure.axes) == 9

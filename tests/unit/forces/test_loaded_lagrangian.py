@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lagsplat.forces.loaded_lagrangian import LoadedLagrangian
+from lagsplat.forces.loads import ConstantLoad
 from lagsplat.stage2.lagrangian import LawEdits
 from tests.stage2_problems import random_lagrangian
 
@@ -26,9 +27,9 @@ def test_a_loaded_law_shares_the_parameters_and_does_not_change_the_law():
     law = random_lagrangian(2, 1, 0)
     q, u = torch.zeros(1, 2, dtype=torch.float64), torch.ones(1, 1, dtype=torch.float64)
     before = law.conservative_force(q, u, law.prepare())
-    loaded = LoadedLagrangian(law, torch.ones(2, dtype=torch.float64))
+    loaded = LoadedLagrangian(law, ConstantLoad(torch.ones(1, 2, dtype=torch.float64)))
     assert loaded.rest is law.rest
     torch.testing.assert_close(loaded.conservative_force(q, u, law.prepare()), before + 1.0)
     torch.testing.assert_close(law.conservative_force(q, u, law.prepare()), before)
     with pytest.raises(ValueError, match="not finite"):
-        LoadedLagrangian(law, torch.tensor([math.inf, 0.0]))
+        ConstantLoad(torch.tensor([[math.inf, 0.0]]))

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from lagsplat.config.compose import compose
-from lagsplat.pipelines.steps import evaluate, read_protocol
+from lagsplat.pipelines.steps import evaluate, find_lever, hold, push, read_protocol
 from lagsplat.runs.fit import fit_run
 from lagsplat.runs.run import open_run, rollout
 
@@ -32,6 +33,16 @@ def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
     (tmp_path / "run" / "below").mkdir()
     run = open_run(tmp_path / "run" / "below")
     np.testing.assert_array_equal(run.chart.latents, made.chart.latents)
+    held = hold(run)
+    at, along = find_lever(run)
+    assert not held.grasp(at, radius=1.0).is_background
+    pushed, _ = push(run, at, along, share=0.3, hold_s=0.5, duration_s=0.5)
+    assert np.linalg.norm(pushed[-1] - pushed[0]) > 0.05 * held.visited_radius
+
+    (tmp_path / "run" / "matter.safetensors").unlink()  # as of a run that is older than matter
+    found = open_run(tmp_path / "run" / "below").matter
+    assert torch.equal(found.points, run.matter.points)
+    assert (tmp_path / "run" / "matter.safetensors").is_file()
 
     q, v = rollout(run, np.zeros((9, 2)), frame=None)
     assert q.shape == v.shape == (9, 2)

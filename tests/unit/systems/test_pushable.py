@@ -32,7 +32,7 @@ def test_points_lie_on_what_is_painted() -> None:
     system = arm()
     still = replace(config, camera_noise_levels=0.0, rest_frames=2, hold_frames=2, tail_frames=2, n_frames=20)
     recording, truth = simulate(still, seed=0)
-    places = system.pixels(truth.states[:1])[0]
+    places = system.places(truth.states[:1])[0]
     frame = recording.frames[0].astype(float)
     on = np.array([frame[int(y), int(x)] for x, y in places])
     board = frame[:, :3].reshape(-1, 3).mean(0)
@@ -43,7 +43,7 @@ def test_a_force_is_balanced_by_the_weight() -> None:
     system, config = rocker(), compose("system=rainbow_rocker").release
     assert config is not None
     assert config.rocker is not None
-    point = int(system.pixels(system.rest[None])[0, :, 0].argmax())
+    point = int(system.places(system.rest[None])[0, :, 0].argmax())
     force = np.array([[0.0, 0.02 * metres_a_pixel()], [0.0, 0.04 * metres_a_pixel()]])
     states = system.settled(point, force)
     lever = np.array([system.jacobian(q)[point, 1, 0] for q in states])
@@ -58,7 +58,7 @@ def test_what_a_force_overcomes_has_no_equilibrium_and_keeps_none() -> None:
         force=lambda q: -q / (1.0 + q**2),  # at most one half, at q = 1
         acceleration=lambda q, v, push: push,
         mass=lambda q: np.eye(1),
-        pixels=lambda states: np.stack([states, 0.0 * states], axis=2),
+        places=lambda states: np.stack([states, 0.0 * states], axis=2),
         share=np.ones(1),
     )
     states = gives_way.settled(0, np.array([[0.4, 0.0], [0.6, 0.0], [0.4, 0.0]]))
@@ -70,7 +70,7 @@ def test_what_a_force_overcomes_has_no_equilibrium_and_keeps_none() -> None:
 def test_a_force_does_the_work_of_its_way_in_the_picture(build) -> None:
     system = build()
     q = system.rest + 0.05
-    moved = system.pixels(q + np.stack([1e-6 * np.ones_like(q), -1e-6 * np.ones_like(q)]))
+    moved = system.places(q + np.stack([1e-6 * np.ones_like(q), -1e-6 * np.ones_like(q)]))
     way = (moved[0] - moved[1]) / 2e-6
     assert np.einsum("pcd,d->pc", system.jacobian(q), np.ones_like(q)) == pytest.approx(way, abs=1e-4)
     assert system.share.sum() > 0
@@ -79,7 +79,7 @@ def test_a_force_does_the_work_of_its_way_in_the_picture(build) -> None:
 
 def test_a_force_switched_on_swings_about_the_equilibrium() -> None:
     system = rocker()
-    point = int(system.pixels(system.rest[None])[0, :, 0].argmax())
+    point = int(system.places(system.rest[None])[0, :, 0].argmax())
     force = np.array([0.0, 0.01 * metres_a_pixel()])
     settled = system.settled(point, force[None])[0, 0]
     states = system.moved(point, force, time_s=np.linspace(0.0, 30.0, 600))

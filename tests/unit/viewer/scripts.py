@@ -9,21 +9,13 @@ import pytest
 
 from lagsplat.viewer.static_page.build import read_asset
 
-DECODE = """
-function decode(run) {
-  const bytes = Uint8Array.from(atob(run.splats.constants), (letter) => letter.charCodeAt(0));
-  run.splats.constants = new Float32Array(bytes.buffer);
-  return run;
-}
-"""
-
 
 def run_script(parts: Sequence[str], driver: str, data: dict) -> object:
     """What ``driver`` prints, which finds ``data`` in its input and the ``parts`` of the page before it."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("no node on this machine to run the page's JavaScript; a browser test runs it, too")
-    script = "\n".join([*(read_asset(name) for name in parts), DECODE, driver])
+    script = "\n".join([*(read_asset(name) for name in parts), driver])
     done = subprocess.run(
         [node, "-e", script], input=json.dumps(data), capture_output=True, text=True, timeout=120, check=False
     )

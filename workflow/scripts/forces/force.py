@@ -2,7 +2,8 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import hold_at_load
+from lagsplat.forces.operating_point import hold_at_load
+from lagsplat.matter.field import load_matter
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.forces import compute_force_panels, draw_forces
@@ -10,7 +11,7 @@ from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
-    loads = (load_autoencoder, load_chart, load_dynamics)
+    loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
     held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
     panels = compute_force_panels(held, job.section(ForcesConfig), hanging=job.params.hanging)
     for path in job.output:

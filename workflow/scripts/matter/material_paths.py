@@ -9,6 +9,7 @@ from lagsplat.matter.rest_picture import show_mean_state
 from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.matter import draw_matter
+from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.pushable import make_pushable
 from lagsplat.systems.truth import load_truth
@@ -16,6 +17,7 @@ from lagsplat.systems.truth import load_truth
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)
     matter, header = load_matter(job.input.matter)
+    autoencoder, _ = load_autoencoder(job.input.autoencoder)
     frames = load_recording(job.input.recording).frames[: chart.n_train]
     paths = None
     if job.input.truth:
@@ -25,10 +27,11 @@ with Job(snakemake) as job:
             job.choice(ReleaseConfig, "release"),
             pressure=chart.train.inputs.mean(0),
             points=job.params.points,
+            in_space=matter.space == 3,
         )
         paths = follow_material_points(matter, chart, system, truth)
     picture = show_mean_state(frames, chart.train.latents)
-    figure = draw_matter(matter, picture, paths, title=job.title("Matter"))
+    figure = draw_matter(matter, picture, paths, title=job.title("Matter"), lens=autoencoder.lens)
     for path in (job.output.pdf, job.output.png):
         save_figure(path, figure)
     found = {"bodies": header["report"]["bodies"], "truth": None if paths is None else paths.measure()}

@@ -6,18 +6,13 @@ const SVG = "http://www.w3.org/2000/svg";
 const LATEST = 0.25; // seconds of the wall that are made up for at most
 const SHARPEST = 720; // pixels along the longer side
 const COARSEST = 160;
+const FINEST = 1; // radius of the brush: material points are a pixel apart
 const SMOOTH = 28; // pictures a second: below, they are drawn coarser
-
-function decoded(text) {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  return new Float32Array(bytes.buffer);
-}
 
 function start() {
   const run = JSON.parse(byId("run").textContent);
-  run.splats.constants = decoded(run.splats.constants);
   const picture = byId("picture");
-  const view = viewOf(run.splats);
+  const view = viewOf(run);
   const splats = new Splats(byId("drawn"), run.splats, view);
   const session = new PageSession(run, lawOf(run.law), view);
   const lines = run.outline.map((line) => line.map((at) => view.under(at)));
@@ -113,15 +108,15 @@ function line(id, from, to) {
   [["x1", from[0]], ["y1", from[1]], ["x2", to[0]], ["y2", to[1]]].forEach(([key, x]) => node.setAttribute(key, x));
 }
 
-function showHand({ session, run, picture, view, scale }) {
+function showHand({ session, picture, view, scale }) {
   const { grip } = session;
   byId("hint").style.opacity = session.everHeld ? 0 : 1;
   picture.classList.toggle("held", grip !== null);
   for (const id of ["arrow", "shade", "brush"]) byId(id).style.visibility = grip ? "visible" : "hidden";
   if (!grip) return;
-  const at = placeOf(grip, session.q);
+  const at = grip.place(session.q);
   const place = view.seen(at).map((x) => x * scale);
-  const tip = view.seen(at.map((x, i) => x + grip.force[i] / run.gain)).map((x) => x * scale);
+  const tip = view.seen(at.map((x, i) => x + grip.force[i] / grip.gain)).map((x) => x * scale);
   byId("brush").setAttribute("cx", place[0]);
   byId("brush").setAttribute("cy", place[1]);
   byId("brush").setAttribute("r", session.radius * view.scale(at) * scale);
@@ -136,12 +131,12 @@ function showVelocity({ session, run, view, scale }) {
   const group = byId("velocity");
   group.toggleAttribute("hidden", !byId("show-velocity").checked);
   if (group.hasAttribute("hidden")) return;
-  const { matter } = view;
-  while (group.childElementCount < run.field.chosen.length) group.append(document.createElementNS(SVG, "line"));
-  run.field.chosen.forEach((k, n) => {
-    const place = matter.place(k, session.q);
-    const tip = place.map((x, c) => x + matter.along(k, c, session.v) * run.field.scale);
-    line(group.children[n], ...[place, tip].map((end) => view.seen(end).map((x) => x * scale)));
+  const { chosen, scale: long } = run.field;
+  while (group.childElementCount < chosen.length) group.append(document.createElementNS(SVG, "line"));
+  const rates = view.matter.rates(session.q, session.v, chosen);
+  view.matter.carry(session.q, chosen).forEach((foot, n) => {
+    const tip = plus(foot, rates[n], long);
+    line(group.children[n], ...[foot, tip].map((end) => view.seen(end).map((x) => x * scale)));
   });
 }
 
@@ -166,7 +161,7 @@ function listenToControls(page) {
   slider("speed", (x) => (session.speed = x), power, times);
   slider("strength", (x) => (session.strength = x), power, times);
   byId("radius").value = run.brush / run.splats.width;
-  slider("radius", (x) => (session.radius = x * run.splats.width), Number, (x) => `${(100 * x).toFixed(1)} %`);
+  slider("radius", (x) => (session.radius = Math.max(FINEST, x * run.splats.width)), Number, (x) => `${(100 * x).toFixed(1)} %`);
   for (const name of ["damping", "inertia", "stiffness"]) slider(name, (x) => session.edit(name, x), Number, times);
   byId("frame").max = run.recorded.states.length - 1;
   slider("frame", (x) => session.toFrame(x), Number, (x) => x.toFixed(0));

@@ -9,9 +9,10 @@ bool flatten(int k, float place[SPACE], out vec2 middle, out vec3 covariance) {
 }`;
 
 class Plane {
-  constructor(matter) {
-    // the first Gaussian is in front, so it is drawn last
-    Object.assign(this, { matter, shader: ON_PLANE, looks: 0, last: Uint32Array.from({ length: matter.count }, (_, i) => matter.count - 1 - i) });
+  constructor(gaussians, matter) {
+    Object.assign(this, { gaussians, matter, shader: ON_PLANE, looks: 0 });
+    const { count } = gaussians;
+    this.last = Uint32Array.from({ length: count }, (_, i) => count - 1 - i); // the first one is in front
   }
   /** The Gaussians in the order in which they are drawn. */
   order() {

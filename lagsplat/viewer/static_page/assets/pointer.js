@@ -27,7 +27,7 @@ class Pointers {
     if (!session.stopped && !others.size && session.grasp(this.at(event))) {
       this.held = event.pointerId;
       this.from = view.under(this.at(event), session.grip.at);
-      session.everHeld = true;
+      session.everHeld ||= !session.grip.isBackground;
     } else if (view.look) others.set(event.pointerId, [event.clientX, event.clientY]);
     else return;
     this.picture.setPointerCapture(event.pointerId);

@@ -1,6 +1,18 @@
 "use strict";
 // A run that is being pushed, without a picture: the JavaScript of lagsplat/viewer/simulation/session.py.
 
+/** How far a state is from all that the recording covered: beyond 1 it never was there. */
+function uncovered(q, { points, root, radius }) {
+  const at = root[0].map((_, j) => q.reduce((sum, x, i) => sum + x * root[i][j], 0));
+  let least = Infinity;
+  for (const point of points) {
+    let squares = 0;
+    for (let i = 0; i < at.length; i++) squares += (at[i] - point[i]) ** 2;
+    least = Math.min(least, squares);
+  }
+  return Math.sqrt(least) / radius;
+}
+
 class PageSession {
   constructor(run, law, view) {
     Object.assign(this, { run, law, view, d: run.d, dt: run.dt, speed: 1, strength: 1, radius: run.brush });
@@ -38,11 +50,12 @@ class PageSession {
   /** Take hold of what the view shows in a pixel; null where that is nothing to hold. */
   grasp(pixel) {
     this.grip = this.view.grasp(this.q, pixel, this.radius);
+    this.grip?.measure(this.q, this.run.pull);
     return this.grip;
   }
-  /** Hold it with the force of a drag, told as a way of the matter. */
+  /** Hold it with the force of a drag, told as a way of the matter: it keeps size and direction. */
   pull(drag) {
-    if (this.grip) this.grip.force = drag.map((x) => x * this.run.gain * this.strength);
+    this.grip?.pull(drag, this.strength);
   }
   release() {
     this.grip = null;
@@ -58,8 +71,8 @@ class PageSession {
       if (this.following) this.u = this.run.recorded.rows[this.frame].slice();
       this.frame = (this.frame + 1) % this.run.recorded.states.length;
     }
-    const load = loadOf(this.grip, this.d);
     const [q0, v0] = [this.q, this.v];
+    const load = this.grip ? this.grip.load(q0) : new Array(this.d).fill(0);
     const [q, v] = this.law.step(q0, v0, this.u, load, this.dt);
     const far = Math.hypot(...q.map((x, i) => x - this.run.rest[i]));
     if (!v.every(Number.isFinite) || !(far <= this.run.divergence * this.run.reach)) {

@@ -1,6 +1,6 @@
 "use strict";
 // How Gaussians of space are seen and touched by a camera that can be turned about the pivot: the projection of
-// lagsplat/splat/projection.py, the ray of lagsplat/forces/grasp.py. Lengths are pixels of the film's camera at the pivot.
+// lagsplat/splat/projection.py, the ray of lagsplat/forces/ray.py. Lengths are pixels of the film's camera at the pivot.
 
 const NEAR = 0.01;
 const MARGIN = 0.3;
@@ -35,11 +35,10 @@ const product = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const within = (x, low, high) => Math.min(Math.max(x, low), high);
 
 class Space {
-  constructor(matter, { camera, height, width }) {
-    Object.assign(this, { matter, lens: camera.lens, picture: [width, height], shader: IN_SPACE, looks: 0 });
-    this.moves = new Set(camera.moves);
+  constructor(gaussians, matter, { camera, height, width }) {
+    Object.assign(this, { gaussians, matter, lens: camera.lens, picture: [width, height], shader: IN_SPACE, looks: 0 });
     this.object = [0, 0, camera.depth];
-    this.depth = new Depth(matter.count);
+    this.depth = new Depth(gaussians.count);
     this.front();
   }
   /** The film's own camera. */
@@ -90,10 +89,10 @@ class Space {
   }
   /** The Gaussians in the order in which they are drawn: the nearest last. */
   order(q) {
-    const { matter, depth } = this;
-    for (let k = 0; k < matter.count; k++) {
+    const { gaussians, depth } = this;
+    for (let k = 0; k < gaussians.count; k++) {
       let deep = this.shift[2];
-      for (let c = 0; c < 3; c++) deep += this.axes[2][c] * (matter.constants[k * matter.row + c] + matter.along(k, c, q));
+      for (let c = 0; c < 3; c++) deep += this.axes[2][c] * gaussians.coordinate(k, c, q);
       depth.depth[k] = deep >= NEAR ? deep : Infinity;
     }
     return depth.sort();
@@ -101,8 +100,8 @@ class Space {
   /** What the ray through a pixel meets first: a Gaussian and how deep it is, or null. */
   cast(q, pixel) {
     const met = [];
-    for (let k = 0; k < this.matter.count; k++) {
-      const inside = this.inside(this.matter.place(k, q));
+    for (let k = 0; k < this.gaussians.count; k++) {
+      const inside = this.inside(this.gaussians.place(k, q));
       const alpha = inside[2] >= NEAR ? this.alpha(k, q, inside, pixel) : 0;
       if (alpha >= ALPHA_MIN) met.push({ k, depth: inside[2], alpha });
     }
@@ -121,22 +120,20 @@ class Space {
       return within(slope, -(this.principal[c] + slack) / this.focal[c], (this.picture[c] - this.principal[c] + slack) / this.focal[c]);
     });
     const rows = slopes.map((slope, c) => this.axes[c].map((x, i) => (this.focal[c] / z) * (x - slope * this.axes[2][i])));
-    const [a, b, c, d, e, f] = this.matter.covariance(k);
+    const [a, b, c, d, e, f] = this.gaussians.covariance(k);
     const [right, down] = rows.map(([x, y, z]) => [a * x + b * y + d * z, b * x + c * y + e * z, d * x + e * y + f * z]);
     const [xx, xy, yy] = [product(rows[0], right) + BLUR, product(rows[0], down), product(rows[1], down) + BLUR];
     const [dx, dy] = [x / z, y / z].map((slope, c) => pixel[c] - this.principal[c] - this.focal[c] * slope);
     const sigma = (0.5 * (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy)) / (xx * yy - xy * xy);
-    return Math.min(0.999, this.matter.presence(k, q) * Math.exp(-sigma));
+    return Math.min(0.999, this.gaussians.presence(k, q) * Math.exp(-sigma));
   }
-  /** Take hold of what is seen in a pixel; null where that is nothing, or ground, beside which the view is turned. */
+  /** Take hold of what is seen in a pixel; null where no matter is, so that the view is turned. */
   grasp(q, pixel, radius) {
-    const { matter } = this;
     const met = this.cast(q, pixel);
-    if (!met || !this.moves.has(met.k)) return null;
-    const at = this.ahead(pixel, met.depth);
-    return matter.brush(q, at, radius) || matter.grip(q, at, matter.jacobian(met.k));
+    const grip = met && this.matter.brush(q, this.ahead(pixel, met.depth), radius);
+    return grip && !grip.isBackground ? grip : null;
   }
 }
 
-/** The view that a run's Gaussians ask for. */
-const viewOf = (splats) => new (splats.camera ? Space : Plane)(new Matter(splats), splats);
+/** The view that a run asks for. */
+const viewOf = ({ splats, matter }) => new (splats.camera ? Space : Plane)(new DrawnGaussians(splats), new Matter(matter), splats);

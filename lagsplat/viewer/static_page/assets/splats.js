@@ -80,15 +80,15 @@ void main() { color = vec4(clamp(texture(drawn, at).rgb, 0.0, 1.0), 1.0); }`;
 const WIDE = 2048;
 
 class Splats {
-  /** `constants` holds for each of `count` Gaussians what `lagsplat/viewer/static_page/build.py` packs, in rows of 4 numbers; `view`
-   * tells in which order they are drawn, and where and how each is seen. */
-  constructor(canvas, { constants, count, d, space, background, height, width }, view) {
+  /** `view` holds the Gaussians, and tells in which order they are drawn, and where and how each is seen. */
+  constructor(canvas, { background, height, width }, view) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser draws no WebGL2, which this page needs. A current Firefox, Chrome, Edge or "
       + "Safari does; in a remote or virtual desktop, hardware acceleration may be switched off.");
+    const { constants, count, d, space, rest } = view.gaussians;
     Object.assign(this, { gl, canvas, count, background, height, width, view });
-    const row = view.matter.row / 4;
-    const numbers = { LATENTS: d, SPACE: space, REST: view.matter.rest, ROW: row, WIDE };
+    const row = view.gaussians.row / 4;
+    const numbers = { LATENTS: d, SPACE: space, REST: rest, ROW: row, WIDE };
     const names = Object.entries(numbers).map(([name, number]) => `#define ${name} ${number}\n`).join("");
     this.program = this.build(VERTEX.replace("precision", names + "precision").replace("FLATTEN", view.shader), FRAGMENT);
     this.copy = this.build(COPY_VERTEX, COPY_FRAGMENT);

@@ -6,11 +6,15 @@ import torch
 
 from lagsplat.forces.grasp import NoMatterError
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.forces.loads import ConstantLoad, PointLoad
+from lagsplat.forces.operating_point import NoScaleError
+from lagsplat.viewer.simulation.grasp import FOLLOW
+from tests.unit.forces.rocking import CONTACT, rocking
 from tests.unit.forces.solid import FRONT
-from tests.unit.viewer.sessions import plate, session, strip
+from tests.unit.viewer.sessions import plate, session, strip, swing
 
 TOP = (16.0, 6.0)
-RIGHT = np.array([4.0, 0.0])
+RIGHT = np.array([1.0, 0.0])
 
 
 def run(one, steps: int):
@@ -33,17 +37,40 @@ def test_a_push_moves_the_grasped_matter_with_it_and_it_returns():
     np.testing.assert_allclose(settled.q, rest, atol=1e-3)
 
 
-def test_a_drag_of_the_configured_length_gives_the_configured_response():
-    one = session()
+@pytest.mark.parametrize("make", [session, plate], ids=["disc", "plate"])
+def test_the_matter_that_moves_most_follows_a_small_drag_by_a_fixed_share_of_its_way(make):
+    one = make()
+    point, gain = one.operating_point, one.grasp_model.gain
+    ways = point.matter.jacobian(point.rest)[:, :, 0]
+    size = ways.norm(dim=1)
+    far = torch.nonzero(size >= 0.5 * size.max())[:, 0]
+    drags = 1e-4 * ways[far] / size[far, None]
+    points = point.matter.every[far]
+    answer = points.carry_each(point.equilibria(PointLoad(points, gain * drags))) - points.at
+    shares = answer.norm(dim=1) / drags.norm(dim=1)
+    assert float(shares.median()) == pytest.approx(FOLLOW, rel=1e-3)
+    assert 0.2 < float(shares.min()) < float(shares.max()) < 1.3
+
+
+def test_the_matter_of_a_grasp_goes_on_an_arc_and_its_load_changes_with_the_state():
+    one = swing()
     one.grasp(TOP)
-    one.pull(np.array([one.config.reach * one.operating_point.kinematics.width, 0.0]))
-    q = one.operating_point.equilibria(torch.from_numpy(one.active_grasp.load)[None])[0]
-    share = float((q - one.operating_point.rest).norm()) / one.operating_point.visited_radius
-    assert 0.3 * one.forces.response < share < 3.0 * one.forces.response
+    one.pull(np.array([12.0, 6.0]))
+    arm, force = np.subtract(TOP, CONTACT), one.active_grasp.force
+    for angle in (0.0, 0.7, 2.5):
+        q = np.array([angle])
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        np.testing.assert_allclose(one.active_grasp.place(q), CONTACT + turn @ arm, atol=1e-3)
+        np.testing.assert_allclose(one.active_grasp.load(q), [force @ turn @ (-arm[1], arm[0])], rtol=1e-4)
+    run(one, 60)
+    loads = one.history.read().load[:, 0]
+    assert np.ptp(loads) > 0.1 * loads.max()
+    np.testing.assert_array_equal(loads[0], one.active_grasp.load(one.operating_point.rest.numpy())[0])
+    assert abs(one.energy.error) < 0.02 * one.energy.hand_work
 
 
 def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does_not():
-    for force, moves in ((np.array([4.0, 0.0, 0.0]), True), (np.array([0.0, 0.0, 40.0]), False)):
+    for force, moves in ((np.array([1.0, 0.0, 0.0]), True), (np.array([0.0, 0.0, 40.0]), False)):
         one = plate()
         one.grasp((0.0, -3.0, FRONT))
         one.pull(force)
@@ -52,19 +79,10 @@ def test_in_space_a_push_moves_the_matter_with_it_and_one_across_the_motion_does
         np.testing.assert_allclose(displacement[2], 0.0, atol=1e-9)
 
 
-def test_without_a_centre_under_the_brush_the_gaussian_of_the_ray_is_grasped():
-    one = plate()
-    one.grasp_model.radius_px = 0.05
-    with pytest.raises(NoMatterError, match="nothing is present within a brush"):
-        one.grasp((0.6, -3.4, FRONT))
-    gaussian = int(
-        one.operating_point.kinematics.center.sub(torch.tensor([0.9, -2.7, FRONT])).norm(dim=1).argmin()
-    )
-    grasp = one.grasp((0.6, -3.4, FRONT), gaussian=gaussian)
-    np.testing.assert_array_equal(
-        grasp.grasp_point.jacobian, one.operating_point.kinematics.geometry.jacobian[gaussian]
-    )
-    np.testing.assert_allclose(grasp.place(one.q), (0.6, -3.4, FRONT))
+def test_the_finest_brush_grasps_matter_between_its_points():
+    one = session(rocking(), "forces.brush=1e-4")
+    assert not one.grasp((16.0, 12.0)).is_background
+    np.testing.assert_allclose(one.active_grasp.place(one.q), (16.0, 12.0))
 
 
 def test_a_grasp_of_the_wall_is_marked_as_background_and_moves_nothing():
@@ -79,11 +97,11 @@ def test_the_motion_is_that_of_the_rollout():
     one = strip()
     one.grasp((16.0, 20.0))
     one.pull(RIGHT)
-    load = torch.from_numpy(one.active_grasp.load)
+    load = ConstantLoad(torch.from_numpy(one.active_grasp.load(one.q))[None])
     start = torch.from_numpy(np.stack([one.q, one.v]))
     u = torch.from_numpy(one.u).expand(1, 31, -1)
     expected, _ = rollout_under_force(
-        one.operating_point.law, start[:1], start[1:], u, load.expand(1, 31, 2), dt_s=one.dt_s
+        one.operating_point.law, start[:1], start[1:], u, 30 * [load], dt_s=one.dt_s
     )
     np.testing.assert_allclose(run(one, 30).q, expected[0, 30].numpy(), rtol=1e-6, atol=1e-8)
 
@@ -115,8 +133,9 @@ def test_recorded_inputs_are_replayed_and_restart_after_the_clip():
 def test_beyond_the_recording_there_is_a_banner():
     one = session()
     assert one.snapshot().banner == ""
-    one.q = one.q + 2.0 * one.operating_point.visited_radius
-    assert "Beyond the recording" in one.snapshot().banner
+    one.grasp(TOP)
+    one.pull(2.0 * RIGHT)
+    assert any("Beyond the recording" in run(one, 1).banner for _ in range(60))
 
 
 def test_a_motion_that_diverges_stops_says_so_and_can_be_reset():
@@ -156,11 +175,14 @@ def test_one_measured_push_gives_the_energy_scale():
     one.grasp(TOP)
     one.pull(RIGHT)
     kappa = one.calibrate(force=2.0, moved_px=1.0)
-    along = one.active_grasp.grasp_point.jacobian.numpy()[0]
-    answer = (
-        one.operating_point.equilibria(torch.from_numpy(2.0 * kappa * along)[None]) - one.operating_point.rest
-    )
-    assert float(along @ answer[0].numpy()) == pytest.approx(1.0, rel=0.05)
+    points, rest = one.active_grasp.grasp_point.points, one.operating_point.rest
+    push = PointLoad(points, torch.tensor([[2.0 * kappa, 0.0]], dtype=torch.float64))
+    answer = points.carry(one.operating_point.equilibria(push)) - points.carry(rest[None])
+    assert float(answer[0, 0, 0]) == pytest.approx(1.0, rel=0.05)
+    one.grasp((2.0, 3.0))
+    one.pull(RIGHT)
+    with pytest.raises(NoScaleError, match="not at all"):
+        one.calibrate(force=2.0, moved_px=1.0)
 
 
 @pytest.mark.parametrize(

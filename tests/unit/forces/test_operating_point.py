@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.grasp import grasp_brush
+from lagsplat.forces.loads import PointLoad
 from tests.unit.forces.rocking import rocking
 
 
@@ -17,17 +17,16 @@ def test_an_operating_point_rests_where_the_law_does_and_has_the_visited_radius(
 
 def test_a_force_of_the_found_size_gives_the_requested_response():
     operating_point = rocking()
-    grip = grasp_brush(operating_point.kinematics, operating_point.rest, (20.0, 12.0), radius=1.0)
-    down = np.array([0.0, 1.0])
+    grip, down = operating_point.grasp((20.0, 12.0), radius=1.0), np.array([0.0, 1.0])
     size = operating_point.find_force_size(grip, down, share=0.5)
-    q = operating_point.equilibria(size * grip.pull_back(torch.from_numpy(down))[None])
+    q = operating_point.equilibria(PointLoad(grip.points, size * torch.from_numpy(down)[None]))
     assert float((q - operating_point.rest).norm()) == pytest.approx(
         0.5 * operating_point.visited_radius, rel=1e-3
     )
 
 
-def test_a_force_across_the_motion_is_refused():
+def test_a_force_on_the_background_is_refused():
     operating_point = rocking()
-    grip = grasp_brush(operating_point.kinematics, operating_point.rest, (2.0, 2.0), radius=1.0)
+    grip = operating_point.grasp((2.0, 2.0), radius=1.0)
     with pytest.raises(ValueError, match="moves nothing"):
         operating_point.find_force_size(grip, np.array([1.0, 0.0]), share=0.5)

@@ -1,0 +1,27 @@
+"""Fields of matter whose motion is given."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from lagsplat.matter.body_motion import make_body_at_rest
+from lagsplat.matter.field import MatterField
+from lagsplat.monomials import make_wide_ball
+
+
+def make_linear_matter(points: torch.Tensor, jacobian: torch.Tensor, *, bending: int = 1) -> MatterField:
+    """One body whose points move straight with the state by ``jacobian`` (P, n, d), a polynomial of place."""
+    body = make_body_at_rest(points.double(), make_wide_ball(jacobian.shape[2]), bending=bending)
+    basis = body.evaluate_basis(points.double())
+    pose = torch.linalg.lstsq(basis, jacobian.double().flatten(1) / body.size).solution  # (m, n d)
+    coefficients = pose.unflatten(1, jacobian.shape[1:]).permute(2, 1, 0).flatten(1)
+    return MatterField(
+        (replace(body, coefficients=coefficients),), points.double(), torch.zeros(len(points)).long()
+    )
+
+
+def list_pixels(height: int, width: int) -> torch.Tensor:
+    """Centres of the pixels of an image."""
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    return torch.from_numpy(np.stack([columns.ravel(), rows.ravel()], 1))
