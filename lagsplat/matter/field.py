@@ -130,6 +130,14 @@ class MatterField:
         """Motion of all points per whitened unit at a state [px]."""
         return self.every.jacobian(q)
 
+    def induce_mass(self) -> Float[Tensor, "d d"]:
+        """``sum J^T J`` over all points at the mean state [px^2]: their mass, were they equally heavy.
+
+        Source: paper eq. (latent-metric).
+        """
+        slopes = self.jacobian(torch.zeros(self.d, dtype=torch.float64))
+        return torch.einsum("pca,pcb->ab", slopes, slopes)
+
     def average(self, weights: Float[Tensor, "N P"]) -> MaterialPoints:
         """Weighted means of material points; without any weight a point is still ground."""
         every = self.every

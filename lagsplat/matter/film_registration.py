@@ -5,6 +5,7 @@ Frames near the mean state come first, blurred, and then the others and sharper 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import torch
@@ -134,14 +135,17 @@ class FilmRegistration:
         return self.points[torch.from_numpy(at)]
 
     def fit_motion(self, points: Points, bending: int) -> FittedBody:
-        """Fit a motion leg by leg, and then to the picture that the registered frames show on average."""
+        """Fit a motion leg by leg, and then to the pictures that the registered frames show on average.
+
+        First the recording's camera goes alone: it tells of motion across it even if depths are wrong.
+        """
         motion = self._start(make_body_at_rest(points, self.ball, bending=bending), points)
         scale = self.noise
-        for share, level, degree in LEGS:
+        for cameras, (share, level, degree) in product(sorted({1, len(self.levels[LAST])}), LEGS):
             near = self.distance <= np.quantile(self.distance, share)
             motion, scale = self._register(
                 motion.with_latent_degree(min(degree, self.latent_degree)),
-                self._read_patch(points, level),
+                self._read_patch(points, level, cameras),
                 level,
                 self.kept[near[self.kept]],
             )
@@ -159,7 +163,7 @@ class FilmRegistration:
 
         It is too small, but away from the still background, which the uncovered pixels of a region keep.
         """
-        seen = self._read_maps(points, 0)
+        seen = self._read_maps(points, 0, 1)
         inside = seen.inside[0]
         change = seen.color[1:-1].movedim(0, 3)[inside]
         at_rest = torch.zeros(1, still.d, dtype=torch.float64)
@@ -194,7 +198,8 @@ class FilmRegistration:
         self, motion: BodyMotion, patch: Patch, level: int, chosen: Int[np.ndarray, " B"]
     ) -> tuple[BodyMotion, float]:
         frames = torch.from_numpy(chosen)
-        return register_body(self._select(level, frames), patch, motion, self.q[frames], noise=self.noise)
+        films = self._select(level, frames, len(patch.colors))
+        return register_body(films, patch, motion, self.q[frames], noise=self.noise)
 
     def _average(self, motion: BodyMotion | None, points: Points, scale: float) -> Patch:
         """Points with the colours that they have on average in the registered frames."""
@@ -202,21 +207,21 @@ class FilmRegistration:
         colors = average_colors(self._select(LAST, frames), patch, motion, self.q[frames], scale=scale)
         return replace(patch, colors=colors)
 
-    def _select(self, level: int, frames: Int[Tensor, " B"]) -> list[BlurredFilm]:
-        return [each.film.select(frames) for each in self.levels[level]]
+    def _select(self, level: int, frames: Int[Tensor, " B"], cameras: int | None = None) -> list[BlurredFilm]:
+        return [each.film.select(frames) for each in self.levels[level][:cameras]]
 
-    def _read_patch(self, points: Points, level: int) -> Patch:
-        """Points of the pictures at the mean state."""
-        seen = self._read_maps(points, level)
+    def _read_patch(self, points: Points, level: int, cameras: int | None = None) -> Patch:
+        """Points of the pictures at the mean state of some first cameras, or of all."""
+        seen = self._read_maps(points, level, cameras)
         inside, gradient = seen.inside[0], seen.gradient[0]
         texture, away = gradient.square().sum((2, 3)), seen.color[-1, ..., 0].clamp(min=0.0)
         return Patch(points, seen.color[0], texture.where(inside, 0.0), away.where(inside, 0.0))
 
-    def _read_maps(self, points: Points, level: int) -> Samples:
+    def _read_maps(self, points: Points, level: int, cameras: int | None) -> Samples:
         """Read the maps of each camera where it sees points; inside is what nothing hides from it."""
-        maps = [each.maps for each in self.levels[level]]
+        maps = [each.maps for each in self.levels[level][:cameras]]
         seen = sample_films(maps, slice(None), points.expand(2 + self.q.shape[1], -1, -1))
-        for number, buffer in enumerate(self.buffers, start=1):
+        for number, buffer in enumerate(self.buffers[: len(maps) - 1], start=1):
             seen.inside[:, number] &= buffer.shows(points)
         return seen
 

@@ -70,7 +70,7 @@ def fit_run(
     save_recording(out / "recording.safetensors", recording)
     checkpoint, seed = out / "checkpoint" / "state.pt", experiment.seeds[0]
     identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
-    novel = supervision = None
+    novel = supervision = views = None
     if experiment.views is not None:
         supervision = experiment.views.supervision
         views = obtain_views(
@@ -97,6 +97,12 @@ def fit_run(
     require_trained_autoencoder(autoencoder, train.frames)
     chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
     save_chart(out / "chart.safetensors", chart, header)
+    matter = None
+    try:
+        matter, about = find_matter(recording, autoencoder, chart, experiment.matter, views=views, seed=seed)
+        save_matter(out / "matter.safetensors", matter, header, about)
+    except ValueError as error:
+        log.warning("the run cannot be pushed: %s", error)
     lagrangian, report = fit_dynamics(
         chart.train.smoothed(chart.smoothing_frames),
         chart.metric,
@@ -105,16 +111,11 @@ def fit_run(
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
         measured=chart.train,
+        expected_mass=None if matter is None else matter.induce_mass(),
         on_candidate=lambda row: log.info("%s", row),
     )
     for warning in report.warnings:
         log.warning("%s", warning)
     save_dynamics(out / "dynamics.safetensors", lagrangian, header, report)
-    run = FittedRun(recording, autoencoder, chart, lagrangian, folder=out)
-    try:
-        matter, about = find_matter(run, experiment.matter, seed=seed)
-        save_matter(out / "matter.safetensors", matter, header, about)
-    except ValueError as error:
-        log.warning("the run cannot be pushed: %s", error)
     checkpoint.unlink(missing_ok=True)
-    return run
+    return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)

@@ -26,7 +26,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout as integrate
-from lagsplat.views.novel import load_views
+from lagsplat.views.novel import NovelViews, load_views
 
 log = logging.getLogger(__name__)
 
@@ -59,27 +59,46 @@ class FittedRun:
         Raises:
             ValueError: nothing moves near the mean state, or the film is too short.
         """
-        if self.folder is None:
-            return find_matter(self, compose().matter)[0]
-        try:
-            return load_matter(locate_artefact(self.folder, "matter"))[0]
-        except FileNotFoundError:
-            log.warning("%s: no matter.safetensors: looking for bodies in the film", self.folder)
-        config = compose().matter
-        matter, report = find_matter(self, config)
+        views, folder, config = None, self.folder, compose().matter
+        if folder is not None:
+            try:
+                return load_matter(locate_artefact(folder, "matter"))[0]
+            except FileNotFoundError:
+                log.warning("%s: no matter.safetensors: looking for bodies in the film", folder)
+            if self.autoencoder.gaussians.space == 3:
+                views = load_views(locate_artefact(folder, "views"))
+        matter, report = find_matter(self.recording, self.autoencoder, self.chart, config, views=views)
+        if folder is None:
+            return matter
         header = {"config": {"matter": asdict(config)}, "code": code_digest(__name__)}
-        beside = locate_artefact(self.folder, "chart").parent
+        beside = locate_artefact(folder, "chart").parent
         save_matter(beside / "matter.safetensors", matter, header, report)
         return matter
 
 
-def find_matter(run: FittedRun, config: MatterConfig, *, seed: int = 0) -> tuple[MatterField, MatterReport]:
-    """Find the bodies of a run's film and how they move with its states; errors as `fit_matter`."""
-    train, views = run.recording.split()[0], None
-    if run.autoencoder.gaussians.space == 3 and run.folder is not None:
-        views = load_views(locate_artefact(run.folder, "views"))
-    scene = make_scene(run.autoencoder, run.chart, views)
-    matter, report = fit_matter(train.frames, run.chart.train.latents, config, seed=seed, scene=scene)
+def find_matter(
+    recording: Recording,
+    autoencoder: Autoencoder,
+    chart: Chart,
+    config: MatterConfig,
+    *,
+    views: NovelViews | None = None,
+    seed: int = 0,
+) -> tuple[MatterField, MatterReport]:
+    """Find the bodies of a recording's training part and how they move with its states.
+
+    Args:
+        recording: the film.
+        autoencoder, chart: of a run.
+        config: settings.
+        views: of the recording's instants from other cameras, for a run in space.
+        seed: of the choice of frames.
+
+    Raises:
+        ValueError: nothing moves near the mean state, or the film is too short.
+    """
+    frames, scene = recording.split()[0].frames, make_scene(autoencoder, chart, views)
+    matter, report = fit_matter(frames, chart.train.latents, config, seed=seed, scene=scene)
     for warning in report.warnings:
         log.warning("%s", warning)
     return matter, report

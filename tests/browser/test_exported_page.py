@@ -40,7 +40,7 @@ def bright_middle(page) -> float:
     return float((ink * np.arange(len(ink))).sum() / ink.sum())
 
 
-@pytest.mark.parametrize("by", [20.0, -20.0], ids=["right", "left"])
+@pytest.mark.parametrize("by", [120.0, -120.0], ids=["right", "left"])
 def test_a_drag_moves_the_object_with_it_and_it_returns(page, by: float) -> None:
     before = bright_middle(page)
     drag(page, TOP, by)
@@ -116,7 +116,7 @@ def test_every_control_does_what_it_says(page) -> None:
 
 
 def test_beyond_the_recording_and_after_a_divergence_there_is_a_banner(page) -> None:
-    drag(page, TOP, 30.0)
+    drag(page, TOP, 350.0)
     until(lambda: "Beyond the recording" in page.locator("#banner").inner_text(), "the banner")
     page.mouse.up()
     page.evaluate("simulation.session.v = [1e12]")

@@ -49,7 +49,7 @@ def drag(page, live, place: tuple[float, float], by: float) -> None:
 
 def test_a_drag_pushes_the_matter_under_the_pointer_until_its_release(page, live) -> None:
     session = live.session
-    drag(page, live, TOP, 12.0)
+    drag(page, live, TOP, 60.0)
     grasp = until(
         lambda: (
             session.active_grasp is not None and session.active_grasp.force[0] > 0 and session.active_grasp
@@ -68,7 +68,7 @@ def test_a_drag_pushes_the_matter_under_the_pointer_until_its_release(page, live
 
 def test_the_drawn_object_moves_in_the_pushed_direction_and_returns(page, live) -> None:
     before = settled(page)
-    drag(page, live, TOP, 12.0)
+    drag(page, live, TOP, 60.0)
     until(lambda: live.session.active_grasp is not None, "a push")
     time.sleep(0.5)
     page.mouse.up()
@@ -82,7 +82,7 @@ def test_the_drawn_object_moves_in_the_pushed_direction_and_returns(page, live) 
 
 
 def test_a_drag_beyond_the_recording_shows_a_banner(page, live) -> None:
-    drag(page, live, TOP, 30.0)
+    drag(page, live, TOP, 350.0)
     until(lambda: "Beyond the recording" in live.session.snapshot().banner, "a state beyond")
     live.loop.submit(lambda s: s.pause(True))
     until(lambda: page.get_by_text("Beyond the recording").is_visible(), "the banner")
@@ -138,12 +138,12 @@ def test_controls_reach_the_session(page, live) -> None:
 def test_closing_a_tab_releases_its_grasp_and_it_may_return(chromium, live) -> None:
     session = live.session
     tab = opened(chromium, live)
-    drag(tab, live, TOP, 12.0)
+    drag(tab, live, TOP, 60.0)
     until(lambda: session.active_grasp is not None, "a push")
     tab.close()
     until(lambda: session.active_grasp is None, "the release of a closed tab")
     again = opened(chromium, live)
-    drag(again, live, TOP, -12.0)
+    drag(again, live, TOP, -60.0)
     until(
         lambda: session.active_grasp is not None and session.active_grasp.force[0] < 0,
         "a push of the new tab",
@@ -156,9 +156,9 @@ def test_closing_a_tab_releases_its_grasp_and_it_may_return(chromium, live) -> N
 def test_two_tabs_see_the_same_and_the_last_grasp_holds(chromium, live) -> None:
     session = live.session
     one, two = opened(chromium, live), opened(chromium, live)
-    drag(one, live, TOP, 12.0)
+    drag(one, live, TOP, 60.0)
     until(lambda: session.active_grasp is not None and session.active_grasp.force[0] > 0, "the first hand")
-    drag(two, live, TOP, -12.0)
+    drag(two, live, TOP, -60.0)
     until(lambda: session.active_grasp is not None and session.active_grasp.force[0] < 0, "the second hand")
     one.mouse.up()
     time.sleep(0.3)

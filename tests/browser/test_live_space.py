@@ -14,7 +14,7 @@ from tests.unit.viewer.sessions import session
 TOP = np.array([0.0, -3.0, FRONT])
 """On the plate, above the point about which it turns [px at the pivot]."""
 BESIDE = np.array([-13.0, 3.0, FRONT])
-BY = 15.0
+BY = 60.0
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
+from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import LikelihoodConfig
@@ -55,9 +56,17 @@ class LikelihoodFit:
         weak_form: laws to start from, and the trajectory as encoded.
         smooth: the trajectory, smoothed, from which windows take their first states.
         settings: of the likelihood.
+        expected_mass: at the mean state, up to a factor.
     """
 
-    def __init__(self, weak_form: WeakFormFit, smooth: EncodedTrajectory, settings: LikelihoodConfig) -> None:
+    def __init__(
+        self,
+        weak_form: WeakFormFit,
+        smooth: EncodedTrajectory,
+        settings: LikelihoodConfig,
+        expected_mass: Float[Tensor, "d d"] | None = None,
+    ) -> None:
+        self.expected_mass = expected_mass
         self.weak_form, self.measured, self.settings = weak_form, weak_form.measured, settings
         self.smooth = replace(smooth, inputs=self.measured.inputs)
         self.form, self.seed = weak_form.form, weak_form.seed
@@ -226,6 +235,7 @@ class LikelihoodFit:
             least_growth=None if start.relevance is None or hold_law else INDIFFERENT,
             relevance=start.relevance,
             near=start.solved,
+            expected_mass=self.expected_mass,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -122,8 +122,9 @@ class GraspModel:
     """Turns a drag into a force: the radius of the brush [px], and how the matter answers to a force.
 
     Matter with the Jacobian ``J`` has the mobility ``|J C J^T|_F`` [px^2 per energy], where ``C`` is the
-    ``compliance`` of the state at rest. It follows a drag by about `FOLLOW` of its way. ``usual_gain``
-    [energy per px^2] is the gain of matter of the usual mobility.
+    ``compliance`` of the state at rest: its way under a unit of force, where it has one direction to go. The
+    usual mobility is the median of points that move much (`OBJECT`) at rest; ``usual_gain`` [energy per px^2]
+    is the gain at it.
     """
 
     def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig) -> None:

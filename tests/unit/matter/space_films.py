@@ -40,6 +40,26 @@ class Plate:
         material = (depth[..., None] * rays - away) @ axes[:, :2]
         return np.where((np.abs(material) < self.half).all(-1), depth, np.inf), material
 
+    def meets(self, camera: Camera, points: np.ndarray) -> np.ndarray:
+        """Which points a camera sees on the plate at the mean state."""
+        return np.isfinite(self.meet(camera, np.zeros(1), camera.project(points))[0])
+
+    def count_pixels(self, camera: Camera) -> int:
+        """Pixels that show the plate at the mean state."""
+        return int(np.isfinite(self.meet(camera, np.zeros(1), list_places(1))[0]).sum())
+
+
+TILTED = Plate(
+    lambda q: (0.2 * q[0] * np.array([0.5, 0.7, 0.5]), np.array([1.0 * q[0], 0.5 * q[0], 2.0 * q[0]]))
+)
+"""A plate that turns about an axis out of the picture, and comes nearer."""
+
+
+def differentiate(plate: Plate, points: np.ndarray, step: float = 1e-4) -> np.ndarray:
+    """Motion of points of a plate per unit of its one coordinate, at the mean state."""
+    after, before = (plate.carry(points, np.array([q])) for q in (step, -step))
+    return (after - before) / (2 * step)
+
 
 def cast(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Directions of the rays of pixels, of unit depth."""
@@ -66,7 +86,7 @@ def film(plate: Plate, camera: Camera, states: np.ndarray, *, noise: float = 0.0
     return np.round(255 * np.stack(frames)).astype(np.uint8)
 
 
-def shoot(
+def photograph(
     plate: Plate, states: np.ndarray, angles: Sequence[tuple[float, float]]
 ) -> tuple[np.ndarray, MatterScene]:
     """The recording of a plate, and its scene with views from yaws and pitches [deg]."""

@@ -28,10 +28,8 @@ def saved(tmp_path_factory):
         one.step()
     renderer, small_renderer = (open_renderer(one.operating_point, side=side) for side in (64, 32))
     stem = tmp_path_factory.mktemp("session") / "session_001"
-    meta = {"inputs": ["push"], "title": "strip"}
-    paths = export_session(
-        stem, one.history.read(), renderer, meta, gain=one.grasp_model.gain, small_renderer=small_renderer
-    )
+    meta, gain = {"inputs": ["push"], "title": "strip"}, one.grasp_model.usual_gain
+    paths = export_session(stem, one.history.read(), renderer, meta, gain=gain, small_renderer=small_renderer)
     return one, paths
 
 
@@ -85,9 +83,8 @@ def test_a_session_in_space_keeps_its_forces_and_is_refused_by_a_planar_run(tmp_
     for _ in range(30):
         one.step()
     renderer = open_renderer(one.operating_point, side=64)
-    export_session(
-        tmp_path / "s", one.history.read(), renderer, {}, gain=one.grasp_model.gain, small_renderer=renderer
-    )
+    stem, gain = tmp_path / "s", one.grasp_model.usual_gain
+    export_session(stem, one.history.read(), renderer, {}, gain=gain, small_renderer=renderer)
     history = load_history(tmp_path / "s.mcap")
     assert history.force.shape == history.place.shape == (30, 3)
     np.testing.assert_array_equal(history.force[-1], one.active_grasp.force)

@@ -87,7 +87,7 @@ def test_ten_seconds_of_a_law_are_the_same_in_the_page(form: str, d: int) -> Non
 def test_a_push_of_ten_seconds_is_the_same_in_the_page(make) -> None:
     one: Session = make()
     at, steps = (16.0, 8.0), round(SECONDS / one.dt_s)
-    drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
+    drags = [None if i > 0.6 * steps else [9.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
     data = {"run": pack_page(one), "at": at, "drags": drags}
     result = run_script(MECHANICS, SESSION, data)
     one.grasp(at)

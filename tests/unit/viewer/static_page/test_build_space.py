@@ -101,7 +101,7 @@ def test_a_push_of_ten_seconds_is_the_same_in_the_page(one: Session, side) -> No
     camera, steps = seen_from(one, side), round(SECONDS / one.dt_s)
     up = np.array([0.0, -4.0, 90.0])  # on the plate, above its middle
     pixel = tuple(camera.project(up[None])[0].tolist())
-    drags = [None if i > 0.6 * steps else [3.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
+    drags = [None if i > 0.6 * steps else [9.0 * np.sin(0.05 * i), 0.5] for i in range(steps)]
     data = {"run": pack_page(one), "side": side, "from": pixel, "drags": drags}
     result = run_script(MECHANICS, PUSH, data)
     drag = RayDrag(one.operating_point, camera, np.array(pixel))

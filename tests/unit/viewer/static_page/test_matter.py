@@ -9,9 +9,9 @@ from lagsplat.matter.body_motion import BodyMotion
 from lagsplat.matter.field import MatterField
 from lagsplat.monomials import list_exponents
 from lagsplat.viewer.static_page.build import MECHANICS, pack_matter, pack_page
-from tests.unit.forces.rocking import CONTACT
+from tests.unit.forces.rocking import CONTACT, WIDTH
 from tests.unit.viewer.scripts import run_script
-from tests.unit.viewer.sessions import session, swing
+from tests.unit.viewer.sessions import session, strip, swing
 
 MOVE = """
 const data = JSON.parse(require("fs").readFileSync(0, "utf8"));
@@ -97,6 +97,19 @@ def test_a_grip_of_the_background_never_moves_anything() -> None:
         assert (q, place, load) == (float(one.operating_point.rest), [2.0, 3.0], [0.0])
 
 
-def test_a_drag_beyond_the_recording_is_marked_in_the_page() -> None:
-    assert hold(session(), (16.0, 8.0), (0.3, 0.0), steps=60)["banners"] == [""]
-    assert "Beyond the recording" in hold(session(), (16.0, 8.0), (2.0, 0.0), steps=60)["banners"][1]
+def test_a_drag_as_long_as_the_image_goes_beyond_the_recording_and_does_not_diverge() -> None:
+    assert hold(session(), (16.0, 8.0), (0.3, 0.0), steps=120)["banners"] == [""]
+    for make in (session, swing):
+        at_rest, beyond = hold(make(), (16.0, 8.0), (WIDTH, 0.0), steps=120)["banners"]
+        assert at_rest == ""
+        assert "Beyond the recording" in beyond
+
+
+@pytest.mark.parametrize("make", [session, swing, strip], ids=["disc", "swing", "strip"])
+def test_the_force_of_a_drag_is_the_one_of_python(make) -> None:
+    for y, drag in ((8.0, (0.3, 0.2)), (8.0, (0.0, 0.0)), (8.0, (32.0, 3.0)), (17.0, (2.0, -1.0))):
+        one = make()
+        result = hold(one, (16.0, y), drag, steps=0)
+        one.grasp((16.0, y))
+        one.pull(np.array(drag))
+        np.testing.assert_allclose(result["force"], one.active_grasp.force, rtol=1e-9)
