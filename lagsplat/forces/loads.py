@@ -101,6 +101,25 @@ class SummedLoad:
         return torch.stack([part.generalise(q) for part in self.parts]).sum(0)
 
 
+@dataclass(frozen=True)
+class ScaledLoad:
+    """A load times a factor."""
+
+    load: Load
+    factor: float
+
+    def __len__(self) -> int:
+        return len(self.load)
+
+    def work(self, q: Latents) -> Float[Tensor, " B"]:
+        """Its work, scaled."""
+        return self.factor * self.load.work(q)
+
+    def generalise(self, q: Latents) -> Latents:
+        """Its generalised force, scaled."""
+        return self.factor * self.load.generalise(q)
+
+
 def make_no_load(d: int) -> ConstantLoad:
     """No force on ``d`` coordinates."""
     return ConstantLoad(torch.zeros(1, d, dtype=torch.float64))

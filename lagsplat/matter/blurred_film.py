@@ -1,13 +1,12 @@
 """Frames of one camera, blurred, with their gradients, read where the camera sees points between pixels."""
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
@@ -56,21 +55,13 @@ class BlurredFilm:
 
     def __init__(
         self,
-        colors: Float32[np.ndarray, "T H W 3"],
+        colors: Float32[Tensor, "T 3 H W"],
         camera: Camera | None,
-        share: Float32[np.ndarray, "T H W"] | None,
+        share: Float32[Tensor, "T 1 H W"] | None,
     ) -> None:
-        down, across = np.gradient(colors, axis=(1, 2))
-        known = [] if share is None else [share[..., None]]
-        channels = np.concatenate([colors, across, down, *known], axis=3)
-        self.channels = torch.from_numpy(channels).permute(0, 3, 1, 2).contiguous()
+        down, across = torch.gradient(colors, dim=(2, 3))
+        self.channels = torch.cat([colors, across, down, *([] if share is None else [share])], 1)
         self.camera = camera
-
-    def select(self, frames: Int[Tensor, " B"]) -> "BlurredFilm":
-        """The film of some of the frames."""
-        selected = copy.copy(self)
-        selected.channels = self.channels[frames]
-        return selected
 
     def sample(self, frames: slice, points: Float[Tensor, "B P n"]) -> Samples:
         """Read each of ``frames`` where the camera sees its points [px], by bicubic interpolation."""

@@ -52,7 +52,8 @@ class FilmLevel:
     """The film of a camera, and its picture at the mean state, at one blur [px].
 
     ``away`` is the median distance of the picture's colours from those of the frames. The images of ``maps``
-    are the picture, its derivative by each latent, and ``away`` in place of all three colours.
+    are the picture, its derivative by each latent, and ``away`` in place of all three colours. Gradients of
+    frames are found as these are needed: they would take twice the memory of the colours.
     """
 
     def __init__(self, source: CameraFilm, q: Series, near: Int[np.ndarray, " k"], *, blur_px: float) -> None:
@@ -63,10 +64,16 @@ class FilmLevel:
             distance *= share > MOSTLY
         self.noise, self.away = picture.noise, np.median(distance, axis=0)
         apart = self.away[..., None].repeat(3, axis=2)
-        maps = np.stack([picture.color, *picture.slope, apart]).astype(np.float32)
-        known = None if share is None else np.broadcast_to(share[near].min(0), maps.shape[:3])
-        self.film = BlurredFilm(colors, source.camera, share)
+        maps = torch.from_numpy(np.stack([picture.color, *picture.slope, apart])).float().movedim(3, 1)
+        self.colors, self.camera = torch.from_numpy(colors).movedim(3, 1).contiguous(), source.camera
+        self.share = None if share is None else torch.from_numpy(share)[:, None]
+        known = None if self.share is None else self.share[near].amin(0).expand(len(maps), -1, -1, -1)
         self.maps = BlurredFilm(maps, source.camera, known)
+
+    def select(self, frames: Int[Tensor, " B"]) -> BlurredFilm:
+        """The film of some of the frames."""
+        share = None if self.share is None else self.share[frames]
+        return BlurredFilm(self.colors[frames], self.camera, share)
 
 
 @dataclass(frozen=True)
@@ -164,10 +171,9 @@ class FilmRegistration:
         It is too small, but away from the still background, which the uncovered pixels of a region keep.
         """
         seen = self._read_maps(points, 0, 1)
-        inside = seen.inside[0]
-        change = seen.color[1:-1].movedim(0, 3)[inside]
+        change = seen.color[1:-1, 0].movedim(0, 2)
         at_rest = torch.zeros(1, still.d, dtype=torch.float64)
-        design = (seen.gradient[0] @ still.differentiate_by_pose(points, at_rest)[1][0])[inside]
+        design = seen.gradient[0, 0] @ still.differentiate_by_pose(points, at_rest)[1][0]
         coefficients = still.coefficients
         for _ in range(STARTS):
             left = change + design @ coefficients.T
@@ -208,7 +214,7 @@ class FilmRegistration:
         return replace(patch, colors=colors)
 
     def _select(self, level: int, frames: Int[Tensor, " B"], cameras: int | None = None) -> list[BlurredFilm]:
-        return [each.film.select(frames) for each in self.levels[level][:cameras]]
+        return [each.select(frames) for each in self.levels[level][:cameras]]
 
     def _read_patch(self, points: Points, level: int, cameras: int | None = None) -> Patch:
         """Points of the pictures at the mean state of some first cameras, or of all."""

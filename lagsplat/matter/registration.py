@@ -207,7 +207,7 @@ def _linearize(
     normal = scale**2 * torch.eye(k * p, dtype=patch.points.dtype)
     slope = scale**2 * motion.coefficients.flatten()
     loss = scale**2 * float(motion.coefficients.square().sum())
-    for part in cut_frames(len(q), patch.colors.numel() * p):
+    for part in cut_frames(len(q), patch.points.numel() * p):
         monomials, _ = motion.evaluate_latent_monomials(q[part])
         places, by_pose = motion.differentiate_by_pose(patch.points, q[part])
         seen = sample_films(films, part, places)
@@ -215,10 +215,10 @@ def _linearize(
         share = scale**2 / (scale**2 + residual.square().sum(3))
         loss += scale**2 * float((moves * (1.0 - share).where(seen.inside, OUTSIDE)).sum())
         weight = (moves * share.square()).where(seen.inside, 0.0)
-        change = torch.einsum("bkpcx,bpxi->bkpci", seen.gradient, by_pose)
-        weighted = (weight[..., None, None] * change).flatten(1, 3)
-        own = weighted.mT @ change.flatten(1, 3)
-        pull = torch.einsum("bri,br->bi", weighted, residual.flatten(1))
+        weighted = weight[..., None, None] * seen.gradient
+        curvature = torch.einsum("bkpcx,bkpcy->bpxy", weighted, seen.gradient)
+        pull = torch.einsum("bkpcx,bkpc,bpxi->bi", weighted, residual, by_pose)
+        own = by_pose.flatten(1, 2).mT @ (curvature @ by_pose).flatten(1, 2)
         normal += torch.einsum("ba,bc,bij->aicj", monomials, monomials, own).reshape(k * p, k * p)
         slope = slope + (monomials.mT @ pull).flatten()
     return loss, normal, slope

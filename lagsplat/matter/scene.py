@@ -11,11 +11,12 @@ from lagsplat.chart.chart import Chart
 from lagsplat.matter.blurred_film import CameraFilm
 from lagsplat.matter.body_motion import Points
 from lagsplat.matter.depth import draw_depth
+from lagsplat.matter.film_registration import list_pixels
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.views.camera import Camera
 from lagsplat.views.novel import NovelViews, require_views
 
-MOST_VIEWS = 4  # cameras besides that of the recording: memory and time grow with them, accuracy hardly
+MOST_VIEWS = 4  # cameras besides the recording's; with six the simulated rocker's error is the same
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,10 @@ class MatterScene:
 
     def lift_pixels(self) -> Points:
         """The point that each pixel of the recording shows at the mean state, row by row; NaN if unknown."""
-        camera, (height, width) = self.camera, self.depth.shape
-        columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        pixels = np.stack([columns, rows, np.ones_like(columns)], axis=2)
-        ahead = pixels @ np.linalg.inv(camera.matrix()).T
-        return torch.from_numpy((self.depth[..., None] * ahead).reshape(-1, 3))
+        pixels = list_pixels(*self.depth.shape)
+        focal, middle = (pixels.new_tensor(each) for each in (self.lens[:2], self.lens[2:]))
+        ahead = torch.cat([(pixels - middle) / focal, torch.ones_like(pixels[:, :1])], 1)
+        return torch.from_numpy(self.depth).reshape(-1, 1) * ahead
 
     def collect_films(self, frames: Frames, chosen: np.ndarray) -> list[CameraFilm]:
         """Films of some of the frames: that of the recording's camera, and those of the chosen views.

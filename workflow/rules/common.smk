@@ -221,19 +221,16 @@ def pushed_runs():
     """Simulated runs whose answers to forces are compared with true ones, in the picture and in space."""
     spatial_runs = [asdict(run) for run in planned_spatial(overrides).values()]
     simulated = [run for run in spatial_runs if run["recording"] == "simulated"]
-    return pushable(true_runs()) + [run for run in simulated if run not in pushable(true_runs())]
-
-
-def before_push(wildcards):
-    """Digest of the settings and code that made a law and the matter that it moves."""
-    return [before("evaluate")(wildcards), before("matter_paths")(wildcards)]
+    return pushable(true_runs()) + [
+        run for run in simulated if run not in pushable(true_runs())
+    ]
 
 
 def forces_before(runs):
     """Digest of all that made the answers to forces of these runs."""
     return [
         [
-            before_push(run),
+            before("evaluate")(run),
             section("forces")(run),
             script_digest(SCRIPTS / "forces/forces.py"),
         ]

@@ -2,7 +2,8 @@ rule stage2:
     input:
         autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
-        records=[rules.chart.output.record],
+        matter=rules.matter.output.matter,
+        records=[rules.matter.output.record],
     output:
         dynamics=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/dynamics.safetensors"

@@ -1,6 +1,6 @@
 """Figures of forces: nine equilibria in the image, one force in space from three sides, and their errors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_lowercase
 from typing import Any
@@ -10,17 +10,23 @@ import torch
 from jaxtyping import Bool, Float, Float64
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from scipy.stats import chi2
 
 from lagsplat.evaluate.forces.motion import SpacePush
 from lagsplat.forces import moving_parts
+from lagsplat.forces.answer_spread import measure_answer_spread
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad, SummedLoad
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.matter.field import join_points
 from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
+ELLIPSE = float(chi2(2).ppf(0.9))  # square of the half axes, in deviations, of nine in ten places of a plane
+LEAST_MOTION_PX = 1.0  # a smaller answer may spread by more than itself
 FORCE_COLOUR = "#AA1E1E"
 MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of the image
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
@@ -44,7 +50,8 @@ class ForcePanel:
     """One equilibrium: its forces, how far its state is from rest, and its image.
 
     ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
-    resolution and energy per pixel. ``moved_px`` is how far the matter moved that was pushed first.
+    resolution and energy per pixel. ``moved_px`` is how far the matter moved that was pushed first, and
+    ``spread`` the covariance of its place [px^2] over laws that the recording allows as well, if known.
     """
 
     name: str
@@ -52,6 +59,14 @@ class ForcePanel:
     moved_px: float
     arrows: Float64[np.ndarray, "n 2 2"]
     image: Float[np.ndarray, "h w 3"]
+    spread: Float64[np.ndarray, "2 2"] | None = None
+
+    @property
+    def half_width_px(self) -> float | None:
+        """Half the long axis of the ellipse that holds the place of the pushed matter nine times in ten."""
+        if self.spread is None:
+            return None
+        return float(np.sqrt(ELLIPSE * np.linalg.eigvalsh(self.spread)[-1]))
 
 
 @dataclass(frozen=True)
@@ -76,9 +91,16 @@ class ImagePush:
     size: float
 
     @property
-    def load(self) -> PointLoad:
-        """The load on the law, of one row."""
-        return PointLoad(self.grip.points, torch.from_numpy(self.size * self.direction)[None])
+    def force(self) -> torch.Tensor:
+        """The force [energy per px]."""
+        return torch.from_numpy(self.size * self.direction)
+
+
+def load_points(pushes: Sequence[ImagePush | None]) -> PointLoad:
+    """The load of one push a row; none where it is None."""
+    held = next(push for push in pushes if push is not None)
+    points = join_points([(push or held).grip.points for push in pushes])
+    return PointLoad(points, torch.stack([held.force * 0 if push is None else push.force for push in pushes]))
 
 
 NamedPushes = list[tuple[str, list[ImagePush]]]
@@ -88,7 +110,7 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
     """Draw three by three images of the loaded states.
 
     Red arrows, all on one scale, start where the pushed matter has come to; the dashed line is the outline of
-    what moves, at rest.
+    what moves, at rest. An ellipse holds the place of that matter nine times in ten.
 
     Source: paper, figures of interactive forces.
     """
@@ -109,6 +131,8 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
             axis.contour(*outline, levels=[0.5], colors="white", linewidths=0.8, linestyles="dashed")
             for foot, force in panel.arrows:
                 _draw_force(axis, foot, scale * force)
+            if panel.spread is not None:
+                _draw_ellipse(axis, panel.arrows[0, 0], panel.spread)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
         for axis in axes[len(panels.panels) :]:
             axis.set_axis_off()
@@ -116,17 +140,28 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 
 
 def _describe_answer(panel: ForcePanel) -> str:
-    distance = rf", {panel.moved_px:.1f} px"
+    distance, half_width = rf", {panel.moved_px:.1f} px", panel.half_width_px
+    if half_width is not None:
+        distance += rf" $\pm$ {half_width:.1g}"
+        if half_width > max(panel.moved_px, LEAST_MOTION_PX):
+            distance += ", undetermined"
     if len(panel.shift) == 1:
         return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + distance
     return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + distance
 
 
-def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging: bool) -> ForcePanels:
+def compute_force_panels(
+    held: OperatingPoint,
+    config: ForcesConfig,
+    *,
+    hanging: bool,
+    draws: Float64[np.ndarray, "m p"] | None = None,
+) -> ForcePanels:
     """Compute the equilibria of the paper's nine panels.
 
     Of a mechanism with one coordinate they are levers, directions and background; what hangs is pushed at
-    its middle and its tip, across and along.
+    its middle and its tip, across and along. ``draws`` are parameters of laws that the recording allows as
+    well; the first push of all sets the energy scale of each.
 
     Raises:
         ValueError: nothing moves in the image, or not on both sides of a centre of rotation.
@@ -135,18 +170,24 @@ def compute_force_panels(held: OperatingPoint, config: ForcesConfig, *, hanging:
     """
     scene, radius = held.find_moving_parts(), config.brush * held.width
     named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
-    states = torch.cat(
-        [held.equilibria(SummedLoad(tuple(push.load for push in pushes))) for _, pushes in named]
-    )
+    every = [pushes for _, pushes in named]
+    first = load_points([pushes[0] for pushes in every])
+    second = [pushes[1] if len(pushes) > 1 else None for pushes in every]
+    load = SummedLoad((first, load_points(second))) if any(second) else first
+    states, spread = held.equilibria(load), None
+    if draws is not None:
+        reference = PointLoad(first.points[:1], first.force[:1])
+        spread = measure_answer_spread(held, draws, load, first.points, reference=reference)
     scale = -(-MIN_WIDTH_PX // held.width)
     images = held.render_images(states, scale=scale)
     panels = []
-    for (name, pushes), q, image in zip(named, states, images, strict=True):
+    for i, ((name, pushes), q, image) in enumerate(zip(named, states, images, strict=True)):
         feet = np.stack([push.grip.place(q).numpy() for push in pushes])
         sizes = np.stack([push.size * push.direction for push in pushes])
         moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
         arrows = np.stack([feet, sizes], axis=1)
-        panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image))
+        own = None if spread is None else spread[i]
+        panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image, own))
     return ForcePanels(
         tuple(panels), moving_parts.draw_outline(scene, scale=scale), (held.height, held.width)
     )
@@ -162,7 +203,9 @@ def _push_rolling(
     size = held.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
-    off_object = moving_parts.choose_background_points(scene.object, N_BACKGROUND, margin=2 * radius)
+    taken = scene.object.copy()
+    taken[-round(MAX_ARROW_SHARE * held.height) :] = True  # where an arrow downwards would leave the image
+    off_object = moving_parts.choose_background_points(taken, N_BACKGROUND, margin=2 * radius)
     grips = [held.grasp(point, radius=radius) for point in off_object]
     return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips]
 
@@ -270,6 +313,16 @@ def _show(axis: Axes, image: np.ndarray, size: tuple[int, int], *, alpha: float 
     height, width = size
     axis.imshow(image.clip(0.0, 1.0), extent=(0, width, height, 0), alpha=alpha)
     axis.set(xticks=[], yticks=[], xlim=(0, width), ylim=(height, 0))
+
+
+def _draw_ellipse(axis: Axes, middle: np.ndarray, spread: Float64[np.ndarray, "2 2"]) -> None:
+    """The ellipse that holds a place nine times in ten."""
+    values, vectors = np.linalg.eigh(ELLIPSE * spread)
+    width, height = 2.0 * np.sqrt(np.clip(values[::-1], 0.0, None))
+    angle = float(np.degrees(np.arctan2(vectors[1, -1], vectors[0, -1])))
+    axis.add_patch(
+        Ellipse(tuple(middle), width, height, angle=angle, fill=False, edgecolor="white", linewidth=0.8)
+    )
 
 
 def _draw_force(axis: Axes, foot: np.ndarray, vector: np.ndarray) -> None:

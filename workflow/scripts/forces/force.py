@@ -8,11 +8,16 @@ from lagsplat.planning.job import Job
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.forces import compute_force_panels, draw_forces
 from lagsplat.stage1.autoencoder import load_autoencoder
-from lagsplat.stage2.fit import load_dynamics
+from lagsplat.stage2.fit import load_dynamics, load_parameter_draws
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
     held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
-    panels = compute_force_panels(held, job.section(ForcesConfig), hanging=job.params.hanging)
+    panels = compute_force_panels(
+        held,
+        job.section(ForcesConfig),
+        hanging=job.params.hanging,
+        draws=load_parameter_draws(job.input.run[2]),
+    )
     for path in job.output:
         save_figure(path, draw_forces(panels, title=job.params.title))
