@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 
 from lagsplat.matter.body_motion import make_body_at_rest
@@ -19,9 +18,3 @@ def make_linear_matter(points: torch.Tensor, jacobian: torch.Tensor, *, bending:
     return MatterField(
         (replace(body, coefficients=coefficients),), points.double(), torch.zeros(len(points)).long()
     )
-
-
-def list_pixels(height: int, width: int) -> torch.Tensor:
-    """Centres of the pixels of an image."""
-    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return torch.from_numpy(np.stack([columns.ravel(), rows.ravel()], 1))

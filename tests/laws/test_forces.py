@@ -16,10 +16,10 @@ from lagsplat.forces.loaded_lagrangian import LoadedLagrangian, rollout_under_fo
 from lagsplat.forces.loads import ConstantLoad, PointLoad, SummedLoad, make_no_load
 from lagsplat.matter.body_motion import make_body_at_rest
 from lagsplat.matter.field import MatterField
+from lagsplat.matter.film_registration import list_pixels
 from lagsplat.monomials import make_wide_ball
 from lagsplat.stage2.lagrangian import Lagrangian, LawEdits, find_equilibrium
 from lagsplat.stage2.rollout import rollout
-from tests.matter_fields import list_pixels
 from tests.stage2_problems import random_lagrangian
 
 seeds = st.integers(0, 2**31 - 1)

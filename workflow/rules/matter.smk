@@ -18,7 +18,7 @@ rule matter:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
+        mem_mb=lambda wildcards: 3000 if sided(wildcards) else 2000,
     params:
         cfg=section("matter"),
         before=before("matter"),

@@ -5,8 +5,9 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
+from lagsplat.matter.film_registration import list_pixels
 from lagsplat.stage1.autoencoder import Autoencoder
-from tests.matter_fields import list_pixels, make_linear_matter
+from tests.matter_fields import make_linear_matter
 from tests.unit.evaluate.tiny_run import lagrangian
 
 HEIGHT, WIDTH, FOCAL = 24, 32, 100.0

@@ -15,10 +15,10 @@ from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.forces.ray import cast_ray
 from lagsplat.matter.body_motion import make_body_at_rest
 from lagsplat.matter.field import MatterField
+from lagsplat.matter.film_registration import list_pixels
 from lagsplat.monomials import make_wide_ball
 from lagsplat.report.figures.forces import draw_space_push, turn_camera
 from lagsplat.splat.projection import View, make_view
-from tests.matter_fields import list_pixels
 from tests.unit.forces.rocking import rocking
 from tests.unit.forces.solid import FOCAL, FRONT, HEIGHT, WALL, WIDTH, turning
 
