@@ -52,6 +52,7 @@ class ForcePanel:
     ``arrows`` (n, 2, 2) are foot and direction times size of each force, in pixels of the training
     resolution and energy per pixel. ``moved_px`` is how far the matter moved that was pushed first, and
     ``spread`` the covariance of its place [px^2] over laws that the recording allows as well, if known.
+    ``is_beyond`` says that the state is outside the visited range.
     """
 
     name: str
@@ -60,6 +61,7 @@ class ForcePanel:
     arrows: Float64[np.ndarray, "n 2 2"]
     image: Float[np.ndarray, "h w 3"]
     spread: Float64[np.ndarray, "2 2"] | None = None
+    is_beyond: bool = False
 
     @property
     def half_width_px(self) -> float | None:
@@ -133,6 +135,8 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
                 _draw_force(axis, foot, scale * force)
             if panel.spread is not None:
                 _draw_ellipse(axis, panel.arrows[0, 0], panel.spread)
+            if panel.is_beyond:
+                axis.text(0.02, 0.02, "beyond the recording", color="white", transform=axis.transAxes)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
         for axis in axes[len(panels.panels) :]:
             axis.set_axis_off()
@@ -140,14 +144,14 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 
 
 def _describe_answer(panel: ForcePanel) -> str:
-    distance, half_width = rf", {panel.moved_px:.1f} px", panel.half_width_px
+    distance, half_width = f"{panel.moved_px:.1f} px", panel.half_width_px
     if half_width is not None:
         distance += rf" $\pm$ {half_width:.1g}"
         if half_width > max(panel.moved_px, LEAST_MOTION_PX):
             distance += ", undetermined"
     if len(panel.shift) == 1:
-        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$" + distance
-    return rf"$|\Delta q| = {np.linalg.norm(panel.shift):.2f}$" + distance
+        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$, " + distance
+    return distance
 
 
 def compute_force_panels(
@@ -186,8 +190,9 @@ def compute_force_panels(
         sizes = np.stack([push.size * push.direction for push in pushes])
         moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
         arrows = np.stack([feet, sizes], axis=1)
-        own = None if spread is None else spread[i]
-        panels.append(ForcePanel(name, (q - held.rest).numpy(), moved_px, arrows, image, own))
+        own, shift = None if spread is None else spread[i], (q - held.rest).numpy()
+        beyond = float(np.linalg.norm(shift)) > held.visited_radius
+        panels.append(ForcePanel(name, shift, moved_px, arrows, image, own, beyond))
     return ForcePanels(
         tuple(panels), moving_parts.draw_outline(scene, scale=scale), (held.height, held.width)
     )
