@@ -8,13 +8,15 @@ from torch import Tensor
 
 from lagsplat.array_types import Latent
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.grasp import NoMatterError, Place, Point, format_point, require_inside
+from lagsplat.forces.grasp import SPACING_PX, NoMatterError, Place, Point, format_point, require_inside
+from lagsplat.matter.field import MatterField
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.image_model import ALPHA_MAX, ALPHA_MIN, BLUR_PX2
 from lagsplat.splat.projection import View, compute_depths, project
 from lagsplat.stage1.autoencoder import Autoencoder
 
 Size = tuple[int, int]  # height and width [px]
+BEHIND = 0.05  # share of the depth of a Gaussian by which it may be too near, set by hand
 STOPPED = 0.5  # transmittance below which a ray has hit the Gaussian that the pixel shows
 
 
@@ -22,13 +24,12 @@ STOPPED = 0.5  # transmittance below which a ray has hit the Gaussian that the p
 class RayHit:
     """The first Gaussian that a ray hits.
 
-    ``gaussian`` is its number, ``depth`` the distance of its centre ahead of the camera, ``place`` the point
-    of the ray at that depth [px at the pivot], ``cover`` the opacity of the ray up to and including it.
+    ``gaussian`` is its number, ``depth`` the distance of its centre ahead of the camera [px at the pivot],
+    ``cover`` the opacity of the ray up to and including it.
     """
 
     gaussian: int
     depth: float
-    place: Place
     cover: float
 
 
@@ -70,9 +71,36 @@ def cast_ray(
         )
     first = int(hit.double().argmax())
     number, depth, _ = flat.color[0, first].tolist()
+    return RayHit(int(number), depth, 1.0 - float(transmittance[first]))
+
+
+def find_matter_depth(matter: MatterField, q: Latent, view: View, pixel: Point, hit: RayHit) -> float:
+    """Depth at which a ray touches matter; that of the Gaussian which it hits where no matter is in its way.
+
+    The depth of a Gaussian is not exact, so matter up to `BEHIND` farther than it counts as hit; what is
+    farther is hidden by it.
+
+    Args:
+        matter: of the run.
+        q: the state.
+        view: one camera.
+        pixel: through which the ray goes.
+        hit: from `cast_ray`.
+    """
+    rotation, shift, focal, middle = (part[0].double() for part in view)
+    inside = matter.carry(q[None])[0] @ rotation.T + shift
+    depth = inside[:, 2]
+    ahead = (torch.tensor(pixel, dtype=torch.float64) - middle) / focal
+    aside = (inside[:, :2] - depth[:, None] * ahead).norm(dim=1)
+    touched = (aside <= SPACING_PX) & (depth > 0.0) & (depth <= (1.0 + BEHIND) * hit.depth)
+    return float(depth[touched].min()) if bool(touched.any()) else hit.depth
+
+
+def place_on_ray(view: View, pixel: Point, depth: float) -> Place:
+    """The point of a ray at a depth [px at the pivot]."""
     at, deep = (torch.tensor([each]).to(view.focal) for each in (pixel, depth))
     x, y, z = view.unproject(at, deep)[0].tolist()
-    return RayHit(int(number), depth, (x, y, z), 1.0 - float(transmittance[first]))
+    return x, y, z
 
 
 def evaluate_alpha(flat: GaussianSlice, pixel: Point) -> Float[Tensor, " K"]:

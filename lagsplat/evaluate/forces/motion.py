@@ -19,7 +19,7 @@ from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import NoScaleError, OperatingPoint
-from lagsplat.forces.ray import RayHit, cast_ray
+from lagsplat.forces.ray import RayHit, cast_ray, find_matter_depth, place_on_ray
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.truth import Truth
@@ -264,7 +264,8 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
     pixel = (float(column) + 0.5, float(row) + 0.5)
     view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
     hit = cast_ray(held.autoencoder, held.chart, held.rest, view, pixel)
-    grip = held.grasp(hit.place, radius=config.brush * held.width)
+    depth = find_matter_depth(held.matter, held.rest, view, pixel, hit)
+    grip = held.grasp(place_on_ray(view, pixel, depth), radius=config.brush * held.width)
     directions = np.stack([push_across(grip.jacobian(held.rest)), DOWN])
     size = held.find_force_size(grip, DOWN, share=config.response)
     forces = size * np.concatenate([np.zeros((1, 3)), directions])

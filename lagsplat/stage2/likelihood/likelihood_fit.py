@@ -110,7 +110,19 @@ class LikelihoodFit:
                 "be too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, "
                 "or take stage2=paper, which is trained on single steps"
             )
-        return chosen
+        return self._weigh(chosen)
+
+    def _weigh(self, fitted: FittedLaw) -> FittedLaw:
+        """Continue a fit under the expected mass, unless rollouts become worse by more than chance.
+
+        Forces on a law of another mass explain a recording nearly as well. Under the expectation from the
+        start, fits of the arms end at fast modes that are too slow; from a good law the other terms follow.
+        """
+        if self.expected_mass is None or fitted.law.d == 1:
+            return fitted
+        weighed = self._fit(fitted, 1.0, fitted.coupling, part=1, expected_mass=self.expected_mass)
+        keeps = is_mechanism(weighed.law) and not weighed.errors.is_worse_than(fitted.errors)
+        return weighed if keeps else fitted
 
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
         """The linear law if it forecasts as well, of the latents or where they answer inputs linearly.
@@ -211,6 +223,7 @@ class LikelihoodFit:
         part: int,
         least_share: float = 0.0,
         hold_law: bool = False,
+        expected_mass: Float[Tensor, "d d"] | None = None,
     ) -> FittedLaw:
         """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
@@ -235,7 +248,7 @@ class LikelihoodFit:
             least_growth=None if start.relevance is None or hold_law else INDIFFERENT,
             relevance=start.relevance,
             near=start.solved,
-            expected_mass=self.expected_mass,
+            expected_mass=expected_mass,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from lagsplat.array_types import Vector
 from lagsplat.forces.grasp import Place, Point
 from lagsplat.forces.operating_point import OperatingPoint
-from lagsplat.forces.ray import cast_ray
+from lagsplat.forces.ray import cast_ray, find_matter_depth
 from lagsplat.splat.projection import make_view
 from lagsplat.viewer.rendering import overlays
 from lagsplat.viewer.rendering.renderer import ImageRenderer, RgbImage, SceneRenderer
@@ -61,16 +61,17 @@ class RayDrag:
         self.depth = 0.0
 
     def find_target(self, q: Vector) -> Place:
-        """The point of the ray at the depth of the first Gaussian that it meets.
+        """The point of the ray on the matter that it meets, or on the first Gaussian.
 
         Raises:
             NoMatterError: it meets nothing.
         """
         autoencoder, chart = self.operating_point.autoencoder, self.operating_point.chart
         pixel, size = (float(self.press[0]), float(self.press[1])), (self.camera.height, self.camera.width)
-        hit = cast_ray(autoencoder, chart, torch.from_numpy(q), make_view([self.camera]), pixel, size=size)
-        self.depth = hit.depth
-        x, y, z = (self.camera.position + hit.depth * self.camera.ray(pixel)).tolist()
+        state, view = torch.from_numpy(q), make_view([self.camera])
+        hit = cast_ray(autoencoder, chart, state, view, pixel, size=size)
+        self.depth = find_matter_depth(self.operating_point.matter, state, view, pixel, hit)
+        x, y, z = (self.camera.position + self.depth * self.camera.ray(pixel)).tolist()
         return x, y, z
 
     def displacement(self, pointer: Pointer) -> Float64[np.ndarray, "3"]:

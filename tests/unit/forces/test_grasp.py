@@ -12,7 +12,7 @@ from lagsplat.evaluate.forces.motion import push_across, push_in_space
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import NoMatterError, follow_places, grasp_brush
 from lagsplat.forces.operating_point import OperatingPoint
-from lagsplat.forces.ray import cast_ray
+from lagsplat.forces.ray import cast_ray, find_matter_depth, place_on_ray
 from lagsplat.matter.body_motion import make_body_at_rest
 from lagsplat.matter.field import MatterField
 from lagsplat.matter.film_registration import list_pixels
@@ -125,7 +125,8 @@ def test_a_ray_hits_the_plate_before_the_wall_and_the_wall_beside_it(operating_p
         )
         assert hit.depth == pytest.approx(depth, abs=1e-3)
         assert 0.5 < hit.cover < 1.0
-        seen = turn_camera(operating_point, 0.0, 0.0).project(np.array([hit.place]))[0]
+        place = place_on_ray(own(operating_point), pixel, hit.depth)
+        seen = turn_camera(operating_point, 0.0, 0.0).project(np.array([place]))[0]
         assert seen == pytest.approx(pixel, abs=1e-3)
 
 
@@ -140,7 +141,8 @@ def test_a_ray_from_the_side_hits_what_is_visible_there(operating_point: Operati
         make_view([camera]),
         (float(at[0]), float(at[1])),
     )
-    assert np.array(hit.place) == pytest.approx(on_the_wall[0], abs=0.5)
+    place = place_on_ray(make_view([camera]), (float(at[0]), float(at[1])), hit.depth)
+    assert np.array(place) == pytest.approx(on_the_wall[0], abs=0.5)
 
 
 def test_clicks_on_nothing_are_refused(operating_point: OperatingPoint) -> None:
@@ -181,11 +183,24 @@ def test_a_brush_in_space_needs_a_position_and_not_a_pixel(operating_point: Oper
     torch.testing.assert_close(grip.jacobian(operating_point.rest), expected, atol=0.01, rtol=0)
 
 
-def test_the_point_of_a_ray_is_on_matter(operating_point: OperatingPoint) -> None:
-    hit = cast_ray(
-        operating_point.autoencoder, operating_point.chart, operating_point.rest, own(operating_point), MIDDLE
+@pytest.mark.parametrize(("wrong", "found"), [(1.0, FRONT), (0.97, FRONT), (1.2, FRONT), (0.8, 0.8 * FRONT)])
+def test_a_ray_touches_matter_unless_something_hides_it(
+    operating_point: OperatingPoint, wrong: float, found: float
+) -> None:
+    view, rest = own(operating_point), operating_point.rest
+    hit = cast_ray(operating_point.autoencoder, operating_point.chart, rest, view, MIDDLE)
+    depth = find_matter_depth(
+        operating_point.matter, rest, view, MIDDLE, replace(hit, depth=wrong * hit.depth)
     )
-    assert not operating_point.grasp(hit.place, radius=1.0).is_background
+    assert depth == pytest.approx(found, rel=1e-4)
+    grip = operating_point.grasp(place_on_ray(view, MIDDLE, depth), radius=1.0)
+    assert grip.is_background == (found != FRONT)
+
+
+def test_beside_matter_a_ray_stays_on_what_is_drawn(operating_point: OperatingPoint) -> None:
+    view, rest = own(operating_point), operating_point.rest
+    hit = cast_ray(operating_point.autoencoder, operating_point.chart, rest, view, CORNER)
+    assert find_matter_depth(operating_point.matter, rest, view, CORNER, hit) == hit.depth
 
 
 def test_a_force_across_the_motion_moves_nothing_and_one_down_does(operating_point: OperatingPoint) -> None:

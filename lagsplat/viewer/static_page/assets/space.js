@@ -5,6 +5,7 @@
 const NEAR = 0.01;
 const MARGIN = 0.3;
 const BLUR = 0.3;
+const BEHIND = 0.05; // share of its depth by which a Gaussian may be too near
 const STOPPED = 0.5; // of the light: the ray has met the Gaussian at which less of it than this is left
 const WIDEST = [45, 35]; // degrees of yaw and pitch either way: far from where cameras taught, all is a guess
 const [SMALLEST, LARGEST] = [0.6, 8]; // of the zoom
@@ -127,10 +128,17 @@ class Space {
     const sigma = (0.5 * (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy)) / (xx * yy - xy * xy);
     return Math.min(0.999, this.gaussians.presence(k, q) * Math.exp(-sigma));
   }
+  /** How deep a ray touches matter, unless a Gaussian at `depth` hides it, after lagsplat/forces/ray.py. */
+  depthOfMatter(q, pixel, depth) {
+    const slopes = [0, 1].map((c) => (pixel[c] - this.principal[c]) / this.focal[c]);
+    const touched = this.matter.carry(q).map((place) => this.inside(place))
+      .filter(([x, y, z]) => z > 0 && z <= (1 + BEHIND) * depth && Math.hypot(x - z * slopes[0], y - z * slopes[1]) <= 1);
+    return touched.reduce((least, [, , z]) => Math.min(least, z), touched.length ? Infinity : depth);
+  }
   /** Take hold of what is seen in a pixel; null where no matter is, so that the view is turned. */
   grasp(q, pixel, radius) {
     const met = this.cast(q, pixel);
-    const grip = met && this.matter.brush(q, this.ahead(pixel, met.depth), radius);
+    const grip = met && this.matter.brush(q, this.ahead(pixel, this.depthOfMatter(q, pixel, met.depth)), radius);
     return grip && !grip.isBackground ? grip : null;
   }
 }
