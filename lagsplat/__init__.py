@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from lagsplat.pipelines.steps import fit_autoencoder as fit_autoencoder
     from lagsplat.pipelines.steps import fit_chart as fit_chart
     from lagsplat.pipelines.steps import fit_dynamics as fit_dynamics
-    from lagsplat.pipelines.steps import fit_matter as fit_matter
     from lagsplat.pipelines.steps import hold as hold
     from lagsplat.pipelines.steps import push as push
     from lagsplat.pipelines.steps import read_recording as read_recording
@@ -63,7 +62,6 @@ _HOMES = {
     "fit_autoencoder": "lagsplat.pipelines.steps",
     "fit_chart": "lagsplat.pipelines.steps",
     "fit_dynamics": "lagsplat.pipelines.steps",
-    "fit_matter": "lagsplat.pipelines.steps",
     "fit_run": "lagsplat.runs.fit",
     "hold": "lagsplat.pipelines.steps",
     "load_diagnosis": "lagsplat.pipelines.diagnose_data",
@@ -98,7 +96,6 @@ __all__ = [
     "fit_autoencoder",
     "fit_chart",
     "fit_dynamics",
-    "fit_matter",
     "fit_run",
     "hold",
     "load_diagnosis",

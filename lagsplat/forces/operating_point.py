@@ -121,16 +121,7 @@ def hold_at_load(
     matter: MatterField,
     u: Float64[np.ndarray, " n_u"] | None = None,
 ) -> OperatingPoint:
-    """Hold a run at rest under constant inputs ``u``, by default the mean of the training inputs.
-
-    Raises:
-        ValueError: there is no matter to push, or no equilibrium is reached.
-    """
-    if not len(matter.points):
-        raise ValueError(
-            "no body was found in the film, so nothing can be pushed: the log of the fit says why, and "
-            "reconstruction.png shows whether anything moves"
-        )
+    """Hold a run at rest under constant inputs ``u``, by default the mean of the training inputs."""
     inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
     rest = settle(law, inputs[None])[0]
     away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)

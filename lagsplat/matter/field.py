@@ -12,14 +12,12 @@ from torch import Tensor
 
 from lagsplat.array_types import Latent, Latents
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.matter.body_motion import BodyMotion, Points, make_body_at_rest
-from lagsplat.monomials import make_wide_ball
+from lagsplat.matter.body_motion import BodyMotion, Points
 
 KIND = "matter"
 SCHEMA = 1
 # Set by hand, with the simulated rocker, pendulum and two-segment arm in view.
 LEAST_EXPLAINED = 0.5  # of the loss of a still picture that the motion of a body saves
-LEAST_MASS = 1e-6  # smallest eigenvalue of a mass that is no rounding error, over the largest
 MOST_UNEXPLAINED = 0.1  # of the moving pixels that belong to no body
 
 
@@ -94,8 +92,7 @@ class MatterField:
     Example:
         >>> import torch
         >>> from lagsplat.matter.body_motion import make_body_at_rest
-        >>> from lagsplat.monomials import make_wide_ball
-        >>> points = torch.tensor([[1.0, 2.0], [3.0, 4.0]]).double()
+        >>>         >>> points = torch.tensor([[1.0, 2.0], [3.0, 4.0]]).double()
         >>> body = make_body_at_rest(points, make_wide_ball(1), bending=0)
         >>> field = MatterField((body,), points, torch.zeros(2).long())
         >>> field.carry(torch.zeros(1, 1).double()).tolist()
@@ -132,29 +129,10 @@ class MatterField:
         """Motion of all points per whitened unit at a state [px]."""
         return self.every.jacobian(q)
 
-    def induce_mass(self) -> Float[Tensor, "d d"] | None:
-        """``sum J^T J`` over all points at the mean state [px^2]: their mass, were they equally heavy.
-
-        None where they do not move with every coordinate.
-
-        Source: paper eq. (latent-metric).
-        """
-        slopes = self.jacobian(torch.zeros(self.d, dtype=torch.float64))
-        mass = torch.einsum("pca,pcb->ab", slopes, slopes)
-        values = torch.linalg.eigvalsh(mass)
-        return mass if float(values[0]) > LEAST_MASS * float(values[-1]) else None
-
     def average(self, weights: Float[Tensor, "N P"]) -> MaterialPoints:
         """Weighted means of material points; without any weight a point is still ground."""
         every = self.every
         return MaterialPoints(weights @ every.at, self.bodies, tuple(weights @ each for each in every.bases))
-
-
-def make_no_matter(d: int, space: int) -> MatterField:
-    """A field without points, of a film in which no body was found."""
-    point = torch.zeros(1, space, dtype=torch.float64)
-    still = make_body_at_rest(point, make_wide_ball(d), bending=0)
-    return MatterField((still,), point[:0], torch.zeros(0, dtype=torch.int64))
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,8 @@ from lagsplat.io.files.atomic import load_json
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
-from lagsplat.matter.field import MatterField
 from lagsplat.runs.fit import obtain_recording
-from lagsplat.runs.run import FittedRun, find_matter, locate_artefact, open_run
+from lagsplat.runs.run import FittedRun, locate_artefact, open_run
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.fit import fit_autoencoder as fit_autoencoder_with
 from lagsplat.stage1.linear_response import InputHistory
@@ -37,7 +36,6 @@ from lagsplat.stage2.decoder_mass import compute_decoder_geometry
 from lagsplat.stage2.fit import fit_dynamics as fit_dynamics_with
 from lagsplat.stage2.fit import load_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
-from lagsplat.views.novel import NovelViews
 
 PathLike = str | os.PathLike[str]
 
@@ -151,50 +149,13 @@ def fit_chart(autoencoder: Autoencoder, recording: Recording, *overrides: str, s
     return fit_chart_with(autoencoder, recording, compose(*overrides).chart, seed=seed)
 
 
-def fit_matter(
-    recording: Recording,
-    autoencoder: Autoencoder,
-    chart: Chart,
-    *overrides: str,
-    views: NovelViews | None = None,
-    seed: int = 0,
-) -> MatterField:
-    """Find the bodies of a film and how they move with the state, to be pushed and to tell masses apart.
-
-    Args:
-        recording: Its training frames are registered.
-        autoencoder: From `fit_autoencoder`; it gives points in space their depth.
-        chart: From `fit_chart`.
-        overrides: Settings of ``conf/matter``, such as ``"matter.bodies=1"``.
-        views: Of the same instants from other cameras, for a run in space.
-        seed: Of the choice of frames.
-
-    Raises:
-        ValueError: an unknown setting, nothing moves near the mean state, or the film is too short.
-
-    Example:
-        >>> import lagsplat
-        >>> run = lagsplat.open_run("run")
-        >>> lagsplat.fit_matter(run.recording, run.autoencoder, run.chart, "matter.bodies=1").space
-        2
-    """
-    return find_matter(recording, autoencoder, chart, compose(*overrides).matter, views=views, seed=seed)[0]
-
-
-def fit_dynamics(
-    autoencoder: Autoencoder,
-    chart: Chart,
-    *overrides: str,
-    matter: MatterField | None = None,
-    seed: int = 0,
-) -> Lagrangian:
+def fit_dynamics(autoencoder: Autoencoder, chart: Chart, *overrides: str, seed: int = 0) -> Lagrangian:
     """Fit mass, damping, potential and input map of a Lagrangian to the training part of a chart.
 
     Args:
         autoencoder: From `fit_autoencoder`; its Gaussians give the mass its form.
         chart: From `fit_chart`.
         overrides: Settings such as ``"stage2=constant"`` or ``"stage2.steps=200"``.
-        matter: From `fit_matter`; without it, nothing tells how the energies of two coordinates compare.
         seed: Of the networks and batches.
 
     Raises:
@@ -215,7 +176,6 @@ def fit_dynamics(
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
         measured=chart.train,
-        expected_mass=None if matter is None else matter.induce_mass(),
     )
     return lagrangian
 

@@ -359,7 +359,6 @@ def road_to(stage: str, experiment: Config) -> Road:
         **({"views": (experiment.views, "views")} if experiment.views is not None else {}),
         "stage1": (experiment.stage1, "stage1"),
         "chart": (experiment.chart, "chart"),
-        "matter": (experiment.matter, "matter"),
         "stage2": (experiment.stage2, "stage2"),
         "evaluate": (experiment.evaluate, "evaluate"),
         "table": (None, "table"),
@@ -380,7 +379,8 @@ def road_to(stage: str, experiment: Config) -> Road:
         "authors_table": (None, "extrapolation"),
         "extrapolate": (extrapolation, "extrapolate"),
         "extrapolate_table": (None, "extrapolation"),
-        "material_paths": (None, "material_paths"),
+        "matter": (experiment.matter, "matter"),
+        "matter_paths": (None, "material_paths"),
         "field": (experiment.deformation, "field"),
         "field_read": (None, "velocity_field"),
         "field_table": (None, "deformation"),
@@ -397,8 +397,8 @@ TRUNK_BEFORE = {
     "forecaster": ("recording",),
     "ode": ("recording", "stage1", "chart"),
     "authors": ("recording",),
-    "extrapolate": ("recording", "stage1", "chart", "matter", "stage2"),
+    "extrapolate": ("recording", "stage1", "chart", "stage2"),
     "field": ("recording", "stage1", "chart"),
-    "material": ("recording", "views", "stage1", "chart", "matter"),
+    "matter": ("recording", "views", "stage1", "chart"),
 }
 """Stages of the trunk before each branch."""

@@ -97,7 +97,6 @@ def fit_run(
     require_trained_autoencoder(autoencoder, train.frames)
     chart = fit_chart(autoencoder, recording, experiment.chart, seed=seed)
     save_chart(out / "chart.safetensors", chart, header)
-    matter = None
     try:
         matter, about = find_matter(recording, autoencoder, chart, experiment.matter, views=views, seed=seed)
         save_matter(out / "matter.safetensors", matter, header, about)
@@ -111,7 +110,6 @@ def fit_run(
         rest=chart.rest,
         geometry=compute_decoder_geometry(autoencoder, chart),
         measured=chart.train,
-        expected_mass=None if matter is None else matter.induce_mass(),
         on_candidate=lambda row: log.info("%s", row),
     )
     for warning in report.warnings:

@@ -139,7 +139,6 @@ def fit_dynamics(
     rest: Float[np.ndarray, " d"],
     geometry: DecoderGeometry | None = None,
     measured: EncodedTrajectory | None = None,
-    expected_mass: Float[Tensor, "d d"] | None = None,
     on_candidate: Callable[[CurveRow], None] = lambda row: None,
 ) -> tuple[Lagrangian, FitReport]:
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
@@ -151,9 +150,7 @@ def fit_dynamics(
     worse.
 
     ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image, ``geometry``
-    that of the decoder, for an induced mass. ``expected_mass`` is that of matter at the mean state in any
-    unit, to which a law of polynomials keeps unless the recording says otherwise. ``on_candidate`` is called
-    with every scored candidate.
+    that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate.
 
     Raises:
         ValueError: segments too short for a window, latents that do not move, or a missing geometry.
@@ -161,7 +158,7 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    fit = DynamicsFit(trajectory, metric, config, seed, on_candidate, expected_mass)
+    fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
     report, best = fit.report, fit.best
     if config.start.source == "likelihood":
         report.unused_steps = config.steps
@@ -351,9 +348,7 @@ class DynamicsFit:
         config: Stage2Config,
         seed: int,
         on_candidate: Callable[[CurveRow], None],
-        expected_mass: Float[Tensor, "d d"] | None = None,
     ) -> None:
-        self.expected_mass = expected_mass
         unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
         self.period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
         self.time_unit_s = trajectory.dt_s if config.start.time_unit == "frame" else unit
@@ -392,7 +387,7 @@ class DynamicsFit:
             measure=self.score_law,
             validate=self.validation.measure,
         )
-        self.likelihood = LikelihoodFit(weak_form, trajectory, self.config.likelihood, self.expected_mass)
+        self.likelihood = LikelihoodFit(weak_form, trajectory, self.config.likelihood)
         start = weak_form.choose_start()
         self.most_likely = chosen = self.likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}

@@ -221,16 +221,19 @@ def pushed_runs():
     """Simulated runs whose answers to forces are compared with true ones, in the picture and in space."""
     spatial_runs = [asdict(run) for run in planned_spatial(overrides).values()]
     simulated = [run for run in spatial_runs if run["recording"] == "simulated"]
-    return pushable(true_runs()) + [
-        run for run in simulated if run not in pushable(true_runs())
-    ]
+    return pushable(true_runs()) + [run for run in simulated if run not in pushable(true_runs())]
+
+
+def before_push(wildcards):
+    """Digest of the settings and code that made a law and the matter that it moves."""
+    return [before("evaluate")(wildcards), before("matter_paths")(wildcards)]
 
 
 def forces_before(runs):
     """Digest of all that made the answers to forces of these runs."""
     return [
         [
-            before("evaluate")(run),
+            before_push(run),
             section("forces")(run),
             script_digest(SCRIPTS / "forces/forces.py"),
         ]

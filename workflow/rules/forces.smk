@@ -9,7 +9,7 @@ rule forces:
         chart=rules.chart.output.chart,
         dynamics=rules.stage2.output.dynamics,
         matter=rules.matter.output.matter,
-        records=[rules.stage2.output.record],
+        records=[rules.stage2.output.record, rules.matter.output.record],
     output:
         metrics=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/forces.json"
@@ -27,7 +27,7 @@ rule forces:
         cfg=section("forces"),
         simulation=section("simulation"),
         release=section("release"),
-        before=before("evaluate"),
+        before=before_push,
         code=script_digest(SCRIPTS / "forces/forces.py"),
     message:
         "Push {wildcards.system} ({wildcards.recording}, {wildcards.stage2}, seed {wildcards.seed}) in the picture"
@@ -47,7 +47,8 @@ rule force:
             )
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**pushed(wildcards.mechanism))
+            rules.stage2.output.record.format(**pushed(wildcards.mechanism)),
+            rules.matter.output.record.format(**pushed(wildcards.mechanism)),
         ],
     output:
         pdf="results/figures/force_{mechanism}.pdf",
@@ -73,7 +74,7 @@ rule force:
         title=lambda wildcards: "Forces in the picture · {recording} recording of {system} · profile {profile}".format(
             **pushed(wildcards.mechanism)
         ),
-        before=lambda wildcards: before("evaluate")(pushed(wildcards.mechanism)),
+        before=lambda wildcards: before_push(pushed(wildcards.mechanism)),
         code=script_digest(SCRIPTS / "forces/force.py"),
     message:
         "Draw {wildcards.mechanism} under forces given in the picture"
@@ -158,7 +159,7 @@ rule force_invariants:
         ),
         before=lambda wildcards: [
             forces_before(pushable(main_runs())),
-            [before("evaluate")(spatial(name)) for name in planned_spatial(overrides)],
+            [before_push(spatial(name)) for name in planned_spatial(overrides)],
         ],
         code=script_digest(SCRIPTS / "forces/force_invariants.py"),
     message:

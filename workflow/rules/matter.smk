@@ -70,7 +70,7 @@ rule material_paths:
         simulation=section("simulation"),
         release=section("release"),
         title=section("system.title"),
-        before=before("material_paths"),
+        before=before("matter_paths"),
         code=script_digest(SCRIPTS / "matter/material_paths.py"),
     message:
         "Follow material points of {wildcards.system} ({wildcards.recording})"

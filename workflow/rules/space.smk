@@ -47,7 +47,8 @@ rule force_space:
             )
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**spatial(wildcards.solid))
+            rules.stage2.output.record.format(**spatial(wildcards.solid)),
+            rules.matter.output.record.format(**spatial(wildcards.solid)),
         ],
     output:
         pdf="results/figures/force_{solid}_3d.pdf",
@@ -72,7 +73,7 @@ rule force_space:
         title=lambda wildcards: "Forces in space · {recording} recording of {system} · profile {profile}".format(
             **spatial(wildcards.solid)
         ),
-        before=lambda wildcards: before("evaluate")(spatial(wildcards.solid)),
+        before=lambda wildcards: before_push(spatial(wildcards.solid)),
         code=script_digest(SCRIPTS / "forces/force_space.py"),
     message:
         "Push {wildcards.solid} in space"

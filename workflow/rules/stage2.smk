@@ -2,8 +2,7 @@ rule stage2:
     input:
         autoencoder=rules.stage1.output.autoencoder,
         chart=rules.chart.output.chart,
-        matter=rules.matter.output.matter,
-        records=[rules.matter.output.record],
+        records=[rules.chart.output.record],
     output:
         dynamics=update(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/dynamics.safetensors"

@@ -15,8 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Float64
-from torch import Tensor
+from jaxtyping import Float64
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import LikelihoodConfig
@@ -56,17 +55,9 @@ class LikelihoodFit:
         weak_form: laws to start from, and the trajectory as encoded.
         smooth: the trajectory, smoothed, from which windows take their first states.
         settings: of the likelihood.
-        expected_mass: at the mean state, up to a factor.
     """
 
-    def __init__(
-        self,
-        weak_form: WeakFormFit,
-        smooth: EncodedTrajectory,
-        settings: LikelihoodConfig,
-        expected_mass: Float[Tensor, "d d"] | None = None,
-    ) -> None:
-        self.expected_mass = expected_mass
+    def __init__(self, weak_form: WeakFormFit, smooth: EncodedTrajectory, settings: LikelihoodConfig) -> None:
         self.weak_form, self.measured, self.settings = weak_form, weak_form.measured, settings
         self.smooth = replace(smooth, inputs=self.measured.inputs)
         self.form, self.seed = weak_form.form, weak_form.seed
@@ -110,19 +101,7 @@ class LikelihoodFit:
                 "be too noisy, or no coordinates of a mechanism. Look at reconstruction.png and latent.png, "
                 "or take stage2=paper, which is trained on single steps"
             )
-        return self._weigh(chosen)
-
-    def _weigh(self, fitted: FittedLaw) -> FittedLaw:
-        """Continue a fit under the expected mass, unless rollouts become worse by more than chance.
-
-        Forces on a law of another mass explain a recording nearly as well. Under the expectation from the
-        start, fits of the arms end at fast modes that are too slow; from a good law the other terms follow.
-        """
-        if self.expected_mass is None or fitted.law.d == 1:
-            return fitted
-        weighed = self._fit(fitted, 1.0, fitted.coupling, part=1, expected_mass=self.expected_mass)
-        keeps = is_mechanism(weighed.law) and not weighed.errors.is_worse_than(fitted.errors)
-        return weighed if keeps else fitted
+        return chosen
 
     def _prefer_linear_law(self, fitted: FittedLaw) -> FittedLaw:
         """The linear law if it forecasts as well, of the latents or where they answer inputs linearly.
@@ -223,7 +202,6 @@ class LikelihoodFit:
         part: int,
         least_share: float = 0.0,
         hold_law: bool = False,
-        expected_mass: Float[Tensor, "d d"] | None = None,
     ) -> FittedLaw:
         """Fit windows of a ``share`` of the final length, in one ``part`` of the frames in so many."""
         frames = max(self.settings.frames // part, FEWEST_PERIODS * start.period_frames)
@@ -248,7 +226,6 @@ class LikelihoodFit:
             least_growth=None if start.relevance is None or hold_law else INDIFFERENT,
             relevance=start.relevance,
             near=start.solved,
-            expected_mass=expected_mass,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -24,7 +24,6 @@ from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.normal_equations import NormalEquations, eliminate_states, solve_normal
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.guard import Guard
-from lagsplat.stage2.likelihood.mass_prior import MassPrior
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, States
 from lagsplat.stage2.likelihood.prior import make_prior
 from lagsplat.stage2.likelihood.window_likelihood import Residuals, WindowFit, WindowLikelihood
@@ -225,8 +224,8 @@ class MultipleShooting(WindowLikelihood):
         for rows in (by_law.reshape(-1, p), along.reshape(-1, p)):
             law = law + rows.T @ rows
         law_gradient = law_gradient + prior * (theta.numpy() - self.prior.mean)
-        for each in self.expectations:
-            lacking, by_law = (part.numpy() for part in each.measure(theta))
+        if self.guard is not None:
+            lacking, by_law = (part.numpy() for part in self.guard.measure(theta))
             law, law_gradient = law + by_law.T @ by_law, law_gradient + by_law.T @ lacking
         return NormalEquations(states, mixed, law, states_gradient, law_gradient, link)
 
@@ -319,7 +318,6 @@ def fit_windows(
     least_growth: float | None = None,
     relevance: Float64[np.ndarray, " g"] | None = None,
     near: tuple[MultipleShooting, WindowFit] | None = None,
-    expected_mass: Float[Tensor, "d d"] | None = None,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
@@ -337,7 +335,6 @@ def fit_windows(
         relevance: of the groups of the prior, at first.
         near: a fit of the same function; its window starts are the first guess if its windows are these, and
             points at which its map came near a fold are guarded.
-        expected_mass: at the mean state, up to a factor.
 
     Raises:
         ValueError: no part is as long as a window.
@@ -355,14 +352,7 @@ def fit_windows(
         guard.keep_folds(near[0].guard)
     prior = make_prior(parameters, relevance)
     problem = MultipleShooting(
-        parameters,
-        windows,
-        noise=noise,
-        memory=memory,
-        coupling=size,
-        guard=guard,
-        prior=prior,
-        mass_prior=None if expected_mass is None else MassPrior(parameters, expected_mass),
+        parameters, windows, noise=noise, memory=memory, coupling=size, guard=guard, prior=prior
     )
     starts = state[torch.from_numpy(windows.frames)]
     if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):

@@ -13,7 +13,6 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.stage2.likelihood.guard import Guard
-from lagsplat.stage2.likelihood.mass_prior import MassPrior
 from lagsplat.stage2.likelihood.parameter_vector import Paths, States
 from lagsplat.stage2.likelihood.prior import Prior
 from lagsplat.stage2.likelihood.windows import Windows
@@ -40,7 +39,7 @@ class LawParameters(Protocol):
 class Residuals:
     """Paths of all windows, their errors, residuals of unit size, and half the sum of their squares.
 
-    ``misfit`` counts the residuals of guard and mass as well, ``cost`` the prior's too.
+    ``misfit`` counts the guard's residuals as well, ``cost`` the prior's too.
     """
 
     path: Paths
@@ -78,7 +77,6 @@ class WindowLikelihood:
         coupling: standard deviation of the gaps between windows, one for each position and velocity.
         prior: of the parameters.
         guard: keeps the map of a polynomial law invertible and its loaded stiffness positive.
-        mass_prior: what its mass is expected to be.
     """
 
     def __init__(
@@ -91,11 +89,9 @@ class WindowLikelihood:
         coupling: Float64[np.ndarray, " s"],
         prior: Prior,
         guard: Guard | None = None,
-        mass_prior: MassPrior | None = None,
     ) -> None:
         self.parameters, self.windows = parameters, windows
         self.prior, self.guard = prior, guard
-        self.expectations = [each for each in (guard, mass_prior) if each is not None]
         self.noise, self.memory = torch.from_numpy(noise), torch.from_numpy(memory)
         self.coupling = torch.from_numpy(coupling)
         self.before = np.flatnonzero(windows.linked)
@@ -129,8 +125,8 @@ class WindowLikelihood:
         position = self._whiten(error[..., None])[..., 0]
         gap = (starts[self.before + 1] - path[self.before, -1]) / self.coupling
         misfit = position.square().sum() + gap.square().sum()
-        for each in self.expectations:
-            misfit = misfit + each.measure(theta)[0].square().sum()
+        if self.guard is not None:
+            misfit = misfit + self.guard.measure(theta)[0].square().sum()
         residuals = Residuals(path, latents, error, position, gap, 0.5 * float(misfit.detach()), float("inf"))
         return self._with_prior(theta, residuals)
 

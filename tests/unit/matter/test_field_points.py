@@ -1,9 +1,9 @@
-"""Points of a field: means, batches, places in other states, and a field without any."""
+"""Points of a field: means, batches, and places in other states."""
 
 import torch
 
 from lagsplat.matter.body_motion import make_body_at_rest
-from lagsplat.matter.field import MatterField, join_points, make_no_matter
+from lagsplat.matter.field import MatterField, join_points
 from lagsplat.monomials import make_wide_ball
 
 GENERATOR = torch.Generator().manual_seed(5)
@@ -58,19 +58,3 @@ def test_points_that_pass_a_place_are_there_in_that_state() -> None:
     moved = field.every.passing(places, q)
     torch.testing.assert_close(moved.carry(q[None])[0], places)
     torch.testing.assert_close(moved.jacobian(q), field.jacobian(q))
-
-
-def test_the_induced_mass_is_that_of_equally_heavy_points() -> None:
-    field = make_field()
-    slopes = field.jacobian(torch.zeros(2).double())
-    expected = sum(each.T @ each for each in slopes)
-    mass = field.induce_mass()
-    assert mass is not None
-    torch.testing.assert_close(mass, expected)
-
-
-def test_a_field_without_points_has_no_mass() -> None:
-    field = make_no_matter(3, 2)
-    assert (field.d, field.space, len(field.points)) == (3, 2, 0)
-    assert field.carry(draw(4, 3)).shape == (4, 0, 2)
-    assert field.induce_mass() is None

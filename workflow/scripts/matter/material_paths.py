@@ -34,8 +34,5 @@ with Job(snakemake) as job:
     figure = draw_matter(matter, picture, paths, title=job.title("Matter"), lens=autoencoder.lens)
     for path in (job.output.pdf, job.output.png):
         save_figure(path, figure)
-    found = {
-        "bodies": header["report"]["bodies"] if "report" in header else [],
-        "truth": None if paths is None else paths.measure(),
-    }
+    found = {"bodies": header["report"]["bodies"], "truth": None if paths is None else paths.measure()}
     save_json(job.output.metrics, found | {"made_by": job.header})

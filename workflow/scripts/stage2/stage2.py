@@ -4,7 +4,6 @@ from dataclasses import asdict
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.io.files.atomic import save_csv
-from lagsplat.matter.field import load_matter
 from lagsplat.planning.job import Job
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.config import Stage2Config
@@ -26,7 +25,6 @@ with Job(snakemake) as job:
         rest=chart.rest,
         geometry=geometry,
         measured=chart.train,
-        expected_mass=load_matter(job.input.matter)[0].induce_mass(),
         on_candidate=job.say,
     )
     for warning in report.warnings:
