@@ -21,6 +21,7 @@ from lagsplat.matter.field import join_points
 POINTS = 60  # pixels of the object, evenly spaced in their list, at which it is pushed
 BACKGROUND = 9  # points without motion at which the background is pushed
 STATES = 32  # that are drawn to find them
+ROUNDING = 1e-9  # share of the typical answer below which an answer is the rounding of the solver
 STILL = 0.05  # share of the largest change of a colour below which a pixel is background
 SMALL = 1e-5  # of the force, where answers are nearly linear
 ANGLES = (0.7, 2.3)  # directions of the two forces that are added [rad]
@@ -110,6 +111,7 @@ def _background(
         return {"points": 0, "largest": None, "typical": typical, "ratio": None}
     off = [_answers(held, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
     largest = float(np.linalg.norm(np.concatenate(off), axis=1).max())
+    largest = largest if largest > ROUNDING * typical else 0.0
     ratio = typical / largest if largest > 0.0 else None
     return {"points": len(still), "largest": largest, "typical": typical, "ratio": ratio}
 
