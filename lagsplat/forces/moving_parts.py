@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.ndimage import binary_erosion
 from scipy.spatial import KDTree
 
 from lagsplat.array_types import Latent
@@ -15,6 +16,7 @@ from lagsplat.views.camera import project_by_lens
 
 STILL = 0.02  # share of the 98th percentile of all motions below which matter hardly moves
 LARGEST = 0.98  # quantile of the motions that is taken as the largest
+RIM_PX = 2  # width of the rim
 COVERED = 0.8  # distance of a pixel from the material point that it shows [px]: these are a pixel apart
 MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
 TIP = 0.85  # position of the tip along the same length
@@ -31,6 +33,12 @@ class MovingParts:
 
     jacobian: Float64[np.ndarray, "H W n d"]
     object: Bool[np.ndarray, "H W"]
+
+    @property
+    def inner(self) -> Bool[np.ndarray, "H W"]:
+        """The object without its rim, which may be background of one colour that seems to move along."""
+        cores = (binary_erosion(self.object, iterations=depth) for depth in (RIM_PX, 1))
+        return next((core for core in cores if core.any()), self.object)
 
     @property
     def motion(self) -> Float64[np.ndarray, "H W"]:

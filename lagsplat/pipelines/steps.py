@@ -313,7 +313,8 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
         (2, 2)
     """
     point = hold(run)
-    moves = point.find_moving_parts().jacobian[:, :, :2]
+    parts = point.find_moving_parts()
+    moves = np.where(parts.inner[:, :, None, None], parts.jacobian[:, :, :2], 0.0)
     across, size, _ = np.linalg.svd(moves, full_matrices=False)
     row, column = np.unravel_index(int(size[:, :, 0].argmax()), size.shape[:2])
     right, down = across[row, column, :, 0].tolist()

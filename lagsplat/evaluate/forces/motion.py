@@ -257,7 +257,7 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
     Source: paper, "Forces in three dimensions".
     """
     scene = held.find_moving_parts()
-    lever = np.where(scene.object, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
+    lever = np.where(scene.inner, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
     if not lever.any():
         raise ValueError("nothing moves up or down in the picture: there is nothing to push; check stage 1")
     row, column = np.unravel_index(int(lever.argmax()), lever.shape)

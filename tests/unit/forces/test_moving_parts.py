@@ -66,3 +66,14 @@ def test_the_outline_is_that_of_the_disc():
     assert seen[24, 32]
     assert not seen[:4].any()
     assert seen.sum() / 4 == pytest.approx(np.pi * 7.0**2, rel=0.05)
+
+
+def test_the_inside_of_an_object_has_no_rim_unless_it_is_all_rim():
+    disc, strip = (make().find_moving_parts() for make in (rocking, hanging))
+    assert disc.object[6, 16]
+    assert not disc.inner[6, 16]
+    assert disc.inner[12, 16]
+    assert strip.inner.any()
+    line = np.zeros((8, 8), bool)
+    line[3] = True
+    assert (MovingParts(np.zeros((8, 8, 2, 1)), line).inner == line).all()
