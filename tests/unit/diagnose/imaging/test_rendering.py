@@ -76,9 +76,8 @@ def test_points_in_space_stand_and_move_where_the_film_shows_them():
     held = turning()
     body = find_body_points(held.autoencoder, held.chart)
     camera = turn_camera(held, 0.0, 0.0)
-    places = held.kinematics.places(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
-    on = held.kinematics.geometry.jacobian[:, :, 0].norm(dim=1).numpy() > 0
-    seen = np.stack([camera.project(at[on]) for at in places])
+    places = held.matter.carry(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
+    seen = np.stack([camera.project(at) for at in places])
     moved = (seen[1] - seen[0]) / 1e-4
     for place, jacobian in zip(body.rest, body.jacobian[:, 0], strict=True):
         near = np.linalg.norm(seen[0] - place, axis=1).argmin()
