@@ -61,11 +61,11 @@ def test_the_image_is_the_one_that_python_draws(page, plate, side) -> None:
 def test_a_drag_on_the_object_pushes_it_and_beside_it_turns_the_view(page) -> None:
     page.evaluate("Object.assign(simulation.session, { paused: false }).rest()")
     page.locator("#front").click()
-    drag(page, TOP, 20.0)
+    drag(page, TOP, 12.0)
     until(lambda: page.evaluate("simulation.session.q[0]") > 0.02, "a motion")
     assert page.locator("#arrow").evaluate("node => node.style.visibility") == "visible"
     arrow = page.evaluate(ARROW)
-    assert arrow["across"] == pytest.approx(20.0 * arrow["larger"], abs=1.0)
+    assert arrow["across"] == pytest.approx(12.0 * arrow["larger"], abs=1.0)
     assert arrow["down"] == pytest.approx(0.0, abs=1.0)
     assert looks(page) == [0, 0, 1]
     page.mouse.up()
