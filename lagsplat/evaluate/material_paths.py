@@ -13,11 +13,11 @@ from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.grasp import follow_places
 from lagsplat.matter.field import MatterField
+from lagsplat.systems.dynamics import differentiate
 from lagsplat.systems.pushable import Pushable
 from lagsplat.systems.truth import Truth
 
 FRAMES = 400  # maximum number of frames, evenly spaced, at which places are compared
-STEP = 1e-3  # of a coordinate in the differences of the map to true coordinates
 REACH_PX = 2.0  # within which a true material point is one of the field
 MOVES = 0.3  # share of the 90th percentile of all ways from which a point has a direction
 
@@ -91,8 +91,7 @@ def follow_material_points(
     n, d = chart.n_train, chart.d
     to_states = fit_polynomial(chart.train.latents, truth.states[:n])
     mean = to_states(np.zeros((1, d)))[0]
-    shifts = STEP * np.eye(d)
-    slope = ((to_states(shifts) - to_states(-shifts)) / (2 * STEP)).T
+    slope = differentiate(to_states, np.zeros(d)).T
     rest, zero = system.places(mean[None])[0], torch.zeros(d, dtype=torch.float64)
     held_out = np.arange(n, len(chart.latents))
     chosen = held_out[choose_evenly(len(held_out), FRAMES)]

@@ -45,14 +45,16 @@ def measure_answer_spread(
     nudged = _displace(held, ScaledLoad(reference, 1.0 + NUDGE), reference.points)[0]
     slope = float(((nudged - best) @ best) / (best @ best)) / NUDGE
     ways = _displace(held, load, points)
-    for each in draws:
-        parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
-        with suppress(ValueError, RuntimeError):
-            answer = _displace(held, reference, reference.points)[0]
-            excess = float(((answer - best) @ best) / (best @ best))
-            scaled = ScaledLoad(load, 1.0 - excess / slope)
-            displaced.append((_displace(held, scaled, points) - ways) / STEP)
-    parameters.write(theta)
+    try:
+        for each in draws:
+            parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
+            with suppress(ValueError, RuntimeError):  # a law without an equilibrium tells nothing
+                answer = _displace(held, reference, reference.points)[0]
+                excess = float(((answer - best) @ best) / (best @ best))
+                scaled = ScaledLoad(load, 1.0 - excess / slope)
+                displaced.append((_displace(held, scaled, points) - ways) / STEP)
+    finally:
+        parameters.write(theta)
     if len(displaced) < FEWEST:
         return None
     spread = torch.stack(displaced)

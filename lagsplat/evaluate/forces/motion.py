@@ -21,10 +21,10 @@ from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import NoScaleError, OperatingPoint
 from lagsplat.forces.ray import RayHit, cast_ray, find_matter_depth, place_on_ray
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
+from lagsplat.systems.dynamics import differentiate
 from lagsplat.systems.pushable import Pushable, make_pushable
 from lagsplat.systems.truth import Truth
 
-STEP = 1e-3  # of a coordinate in the differences of the map to true coordinates
 TRIALS = 12  # points whose answer in time is computed: each takes an integration of the truth
 FLOOR = 1e-9
 AHEAD, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
@@ -73,8 +73,7 @@ def compare_forces_with_truth(
     """
     smooth, rest = held.chart.train.smoothed(held.chart.smoothing_frames).latents, held.rest.numpy()
     to_states = fit_polynomial(smooth, truth.states[: len(smooth)])
-    shifts = STEP * np.eye(len(rest))
-    slope = ((to_states(rest + shifts) - to_states(rest - shifts)) / (2 * STEP)).T
+    slope = differentiate(to_states, rest).T
     radius = config.brush * held.width
     pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
     grasps = accuracy.choose_grasps(held, pokes.places, radius=radius)
