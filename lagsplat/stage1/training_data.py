@@ -121,14 +121,28 @@ FAINT = 1e-3  # cover below which a pixel shows the background, which has no dep
 
 @torch.no_grad()
 def render_depth(autoencoder: Autoencoder, z: Latents, view: View) -> Float[Tensor, "B H W"]:
-    """Mean depth of each pixel for each camera [unit of space], with the weights of its colours.
+    """Mean depth of each pixel for each camera [unit of space]; empty pixels get the pivot's depth."""
+    depth, cover = composite_depths(autoencoder, z, view)
+    pivot = autoencoder.filmed_view(z).focal[0, 0]
+    return torch.where(cover > FAINT, depth / cover.clamp_min(FAINT), pivot)
 
-    Compositing is linear, so depths replace the colours. Empty pixels get the pivot's depth.
+
+@torch.no_grad()
+def composite_depths(
+    autoencoder: Autoencoder, z: Latents, view: View
+) -> tuple[Float[Tensor, "B H W"], Float[Tensor, "B H W"]]:
+    """Depths of the Gaussians in each pixel, summed with the weights of its colours, and these weights' sum.
+
+    Compositing is linear, so depths replace the colours.
+
+    Args:
+        autoencoder: with Gaussians in space.
+        z: raw latents.
+        view: a camera for each or for all.
     """
     scene = autoencoder.gaussians.condition(z)
     ahead = compute_depths(scene.means, view)
     depths = torch.stack([ahead, torch.ones_like(ahead), torch.zeros_like(ahead)], dim=2)
     scene = scene._replace(color=depths, background=torch.zeros_like(scene.background))
     drawn = autoencoder.draw(scene, view=view)
-    pivot = autoencoder.filmed_view(z).focal[0, 0]
-    return torch.where(drawn[:, 1] > FAINT, drawn[:, 0] / drawn[:, 1].clamp_min(FAINT), pivot)
+    return drawn[:, 0], drawn[:, 1]

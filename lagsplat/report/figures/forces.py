@@ -98,11 +98,12 @@ class ImagePush:
         return torch.from_numpy(self.size * self.direction)
 
 
-def load_points(pushes: Sequence[ImagePush | None]) -> PointLoad:
-    """The load of one push a row; none where it is None."""
-    held = next(push for push in pushes if push is not None)
-    points = join_points([(push or held).grip.points for push in pushes])
-    return PointLoad(points, torch.stack([held.force * 0 if push is None else push.force for push in pushes]))
+def stack_pushes(pushes: Sequence[ImagePush | None]) -> PointLoad:
+    """The load of one push a row; no force where it is None."""
+    some = next(push for push in pushes if push is not None)
+    points = join_points([(push or some).grip.points for push in pushes])
+    nothing = torch.zeros_like(some.force)
+    return PointLoad(points, torch.stack([nothing if push is None else push.force for push in pushes]))
 
 
 NamedPushes = list[tuple[str, list[ImagePush]]]
@@ -175,9 +176,9 @@ def compute_force_panels(
     scene, radius = held.find_moving_parts(), config.brush * held.width
     named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
     every = [pushes for _, pushes in named]
-    first = load_points([pushes[0] for pushes in every])
+    first = stack_pushes([pushes[0] for pushes in every])
     second = [pushes[1] if len(pushes) > 1 else None for pushes in every]
-    load = SummedLoad((first, load_points(second))) if any(second) else first
+    load = SummedLoad((first, stack_pushes(second))) if any(second) else first
     states, spread = held.equilibria(load), None
     if draws is not None:
         reference = PointLoad(first.points[:1], first.force[:1])

@@ -11,8 +11,8 @@ import numpy as np
 import viser
 from viser import uplot
 
+from lagsplat.forces.grasp import SPACING_PX
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
-from lagsplat.viewer.simulation.grasp import FINEST_PX
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -133,7 +133,7 @@ class ControlPanel:
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
         def set_radius(s: Session, value: float) -> None:
-            s.grasp_model.radius_px = max(FINEST_PX, width * value)
+            s.grasp_model.radius_px = max(SPACING_PX, width * value)
 
         width = session.operating_point.width
         hint = "Power of ten: 0 as chosen, 1 ten times as strong"

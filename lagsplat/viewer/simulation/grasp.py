@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from lagsplat.array_types import Vector
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import compute_static_stiffness
-from lagsplat.forces.grasp import GraspPoint, Place, Point, grasp_brush
+from lagsplat.forces.grasp import SPACING_PX, GraspPoint, Place, Point, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.operating_point import OperatingPoint
 
@@ -82,7 +82,6 @@ MOST_REACH = 2.0  # visited radii that a drag moves the state at most, to first 
 OBJECT = 0.5  # share of the largest motion: points that move at least as much have the usual mobility
 WEAKEST = 1e-6
 """Share of the largest stiffness: lower bound on every stiffness, and the size of an unstable one."""
-FINEST_PX = 1.0  # least radius of the brush: material points are a pixel apart
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ class GraspModel:
 
     def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig) -> None:
         self.operating_point, rest = operating_point, operating_point.rest
-        self.radius_px = max(FINEST_PX, forces.brush * operating_point.width)
+        self.radius_px = max(SPACING_PX, forces.brush * operating_point.width)
         self.farthest = MOST_REACH * operating_point.visited_radius
         stiffness = compute_static_stiffness(operating_point.law, rest[None], operating_point.u[None])[0]
         values, vectors = torch.linalg.eigh(stiffness)
