@@ -221,7 +221,9 @@ def pushed_runs():
     """Simulated runs whose answers to forces are compared with true ones, in the picture and in space."""
     spatial_runs = [asdict(run) for run in planned_spatial(overrides).values()]
     simulated = [run for run in spatial_runs if run["recording"] == "simulated"]
-    return pushable(true_runs()) + [run for run in simulated if run not in pushable(true_runs())]
+    return pushable(true_runs()) + [
+        run for run in simulated if run not in pushable(true_runs())
+    ]
 
 
 def before_push(wildcards):
