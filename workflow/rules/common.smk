@@ -220,10 +220,9 @@ def pushed_mechanisms():
 def pushed_runs():
     """Simulated runs whose answers to forces are compared with true ones, in the picture and in space."""
     spatial_runs = [asdict(run) for run in planned_spatial(overrides).values()]
-    simulated = [run for run in spatial_runs if run["recording"] == "simulated"]
-    return pushable(true_runs()) + [
-        run for run in simulated if run not in pushable(true_runs())
-    ]
+    solid = [run for run in spatial_runs if run["recording"] == "simulated"]
+    seeded = [run for run in true_runs() if run["system"] in {s["system"] for s in solid}]
+    return pushable(true_runs()) + (seeded or solid)
 
 
 def before_push(wildcards):
