@@ -219,10 +219,11 @@ def pushed_mechanisms():
 
 def pushed_runs():
     """Simulated runs whose answers to forces are compared with true ones, in the picture and in space."""
-    spatial_runs = [asdict(run) for run in planned_spatial(overrides).values()]
-    solid = [run for run in spatial_runs if run["recording"] == "simulated"]
-    seeded = [run for run in true_runs() if run["system"] in {s["system"] for s in solid}]
-    return pushable(true_runs()) + (seeded or solid)
+    runs = pushable(true_runs())
+    for first in map(asdict, planned_spatial(overrides).values()):
+        seeds = [run for run in true_runs() if run["system"] == first["system"]]
+        runs += seeds or [run for run in [first] if run["recording"] == "simulated"]
+    return runs
 
 
 def before_push(wildcards):
