@@ -68,6 +68,23 @@ class BodyMotion:
         exponents = list_exponents(self.space, lowest=0, highest=self.bending)
         return evaluate_monomials(relative, exponents, ball=make_wide_ball(self.space))[0]
 
+    def folds(self, points: Points, q: Latents) -> bool:
+        """Whether the body turns itself inside out at some of these points in some of these states.
+
+        The determinant of its deformation gradient ``I + A(q) db/dr`` is positive wherever matter does not
+        pass through itself.
+
+        Source: Ogden, Non-linear Elastic Deformations (1984), section 2.1.
+        """
+        if not self.bending:
+            return False
+        exponents = list_exponents(self.space, lowest=0, highest=self.bending)
+        relative = (points - self.center) / self.size
+        slope = evaluate_monomials(relative, exponents, ball=make_wide_ball(self.space))[1]
+        strain = torch.einsum("bim,pmj->bpij", self._assemble(self.poses(q)[0]), slope)
+        gradient = torch.eye(self.space, dtype=points.dtype) + strain
+        return bool((torch.linalg.det(gradient) <= 0.0).any())
+
     def displace(self, q: Latents) -> Float[Tensor, "B n m"]:
         """``size A(q)``, which turns the basis of a point into its way from the reference state [px]."""
         return self.size * self._assemble(self.poses(q)[0])

@@ -92,7 +92,8 @@ class MatterField:
     Example:
         >>> import torch
         >>> from lagsplat.matter.body_motion import make_body_at_rest
-        >>>         >>> points = torch.tensor([[1.0, 2.0], [3.0, 4.0]]).double()
+        >>> from lagsplat.monomials import make_wide_ball
+        >>> points = torch.tensor([[1.0, 2.0], [3.0, 4.0]]).double()
         >>> body = make_body_at_rest(points, make_wide_ball(1), bending=0)
         >>> field = MatterField((body,), points, torch.zeros(2).long())
         >>> field.carry(torch.zeros(1, 1).double()).tolist()

@@ -75,18 +75,40 @@ def fit_matter(
 
 
 def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBody]:
-    """One body of all that moves, or several where withheld frames prefer these by a standard error."""
-    whole = [choose_body(film, film.moving, config.bending)]
+    """The simplest bodies that explain withheld frames of what moves as well as the best ones do.
+
+    Tried are one body of every degree of bending at which it does not fold, and several, of which each bends
+    as little as it can. Simpler is what has fewer parameters of a pose; as well is within one standard error
+    of the mean over frames.
+
+    Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 7.10.
+    """
+    tried = [[each] for each in fit_degrees(film, film.moving, config.bending)[0]]
     regions = split_region(film, film.moving, config.bodies) if config.bodies > 1 else []
-    parts = [choose_body(film, region, config.bending) for region in regions] if len(regions) > 1 else []
+    if len(regions) > 1:
+        parts = choose_parts(film, regions, config.bending)
+        tried += [parts] if len(parts) > 1 else []
+    tried.sort(key=lambda bodies: sum(each.motion.n_pose for each in bodies))
+    scale = min(each.scale for bodies in tried for each in bodies)
+    return tried[find_simplest([measure_least_losses(film, bodies, scale=scale) for bodies in tried])]
+
+
+def choose_parts(film: FilmRegistration, regions: Sequence[Region], bending: int) -> list[FittedBody]:
+    """A body of each region, fitted again to the pixels that it explains best; poor ones are left out."""
+    parts = [choose_body(film, region, bending) for region in regions]
+    labels = label_pixels(film, parts)
+    owned = [film.moving & (labels == number) for number in range(len(parts))]
+    parts = [choose_body(film, region, bending) for region in owned if region.sum() >= FEWEST]
     while len(parts) > 1 and (poor := find_poor_bodies(film, parts)):
-        parts = [part for i, part in enumerate(parts) if i not in poor]
-    if len(parts) < 2:
-        return whole
-    scale = min(each.scale for each in (*whole, *parts))
-    losses = [measure_least_losses(film, bodies, scale=scale) for bodies in (whole, parts)]
-    error = losses[1].std() / np.sqrt(len(losses[1]))
-    return parts if losses[1].mean() + error < losses[0].mean() else whole
+        parts = [part for number, part in enumerate(parts) if number not in poor]
+    return parts
+
+
+def find_simplest(losses: Sequence[Float64[np.ndarray, " B"]]) -> int:
+    """The first of some fits, simple ones first, with a mean loss within a standard error of the least."""
+    best = min(losses, key=np.mean)
+    limit = best.mean() + best.std() / np.sqrt(len(best))
+    return next(number for number, each in enumerate(losses) if each.mean() <= limit)
 
 
 def find_poor_bodies(film: FilmRegistration, bodies: Sequence[FittedBody]) -> list[int]:
@@ -96,27 +118,33 @@ def find_poor_bodies(film: FilmRegistration, bodies: Sequence[FittedBody]) -> li
 
 
 def choose_body(film: FilmRegistration, region: Region, bending: int) -> FittedBody:
-    """The simplest motion that explains withheld frames of a region as well as the best one does.
+    """The simplest motion that explains withheld frames of a region as well as the best one does."""
+    tried, losses = fit_degrees(film, region, bending)
+    return tried[find_simplest(losses)]
 
-    As well is within one standard error of the best one's mean loss over frames.
 
-    Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 7.10.
+def fit_degrees(
+    film: FilmRegistration, region: Region, bending: int
+) -> tuple[list[FittedBody], list[Float64[np.ndarray, " B"]]]:
+    """A body of a region for each degree of bending, and their losses in withheld frames.
+
+    A body that folds would be matter that passes through itself: several bodies were taken for one, or a
+    shadow and what throws it. It is left out.
     """
     points = film.choose_points(region)
-    tried = [film.fit_motion(points, degree) for degree in range(bending + 1)]
-    scale = min(each.scale for each in tried)
+    fitted = [film.fit_motion(points, degree) for degree in range(bending + 1)]
+    scale = min(each.scale for each in fitted)
     weight = film.weigh(points, scale=scale)
-    losses = np.stack(
-        [
-            film.measure_losses(each.motion, points, scale=scale, chosen=film.withheld) @ weight
-            for each in tried
-        ]
-    )
-    mean = losses.mean(1)
-    best = int(mean.argmin())
-    error = losses[best].std() / np.sqrt(losses.shape[1])
-    chosen = tried[int(np.argmax(mean <= mean[best] + error))]
-    return replace(chosen, losses=tuple(mean.tolist()))
+    still = film.measure_losses(None, points, scale=scale, chosen=film.withheld).mean(0)
+    tried, losses = [], []
+    for each in fitted:
+        loss = film.measure_losses(each.motion, points, scale=scale, chosen=film.withheld)
+        own = torch.from_numpy(still - loss.mean(0) > CLEARLY)
+        if not each.motion.folds(points[own], film.q):
+            tried.append(each)
+            losses.append(loss @ weight)
+    means = tuple(float(each.mean()) for each in losses)
+    return [replace(each, losses=means) for each in tried], losses
 
 
 def split_region(film: FilmRegistration, region: Region, most: int) -> list[Region]:
@@ -165,10 +193,14 @@ def cut_windows(points: Points, size: float) -> list[Points]:
 def measure_least_losses(
     film: FilmRegistration, bodies: Sequence[FittedBody], *, scale: float
 ) -> Float64[np.ndarray, " B"]:
-    """Mean loss of what moves in each withheld frame, each pixel with its best body of the other frames."""
+    """Mean loss of what moves in each withheld frame.
+
+    Each pixel moves with the body, or stands still, as explains it best in the other frames.
+    """
     points = film.choose_points(film.moving)
+    motions = [None, *(each.motion for each in bodies)]
     kept, withheld = (
-        np.stack([film.measure_losses(each.motion, points, scale=scale, chosen=chosen) for each in bodies])
+        np.stack([film.measure_losses(each, points, scale=scale, chosen=chosen) for each in motions])
         for chosen in (film.kept, film.withheld)
     )
     number = kept.mean(1).argmin(0)

@@ -1,5 +1,7 @@
 """Motions of bodies: their derivatives are those of the places, and rigid bodies keep distances."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -57,3 +59,25 @@ def test_one_point_is_a_body() -> None:
     motion = make_body_at_rest(point, enclose_states(draw(20, 1)), bending=0)
     assert motion.size == 1.0
     assert torch.isfinite(motion.jacobian(point, torch.zeros(1, 1).double())).all()
+
+
+@pytest.mark.parametrize("space", [2, 3])
+def test_a_body_that_is_turned_inside_out_folds(space: int) -> None:
+    points = 10.0 * draw(7, space)
+    still = make_body_at_rest(points, enclose_states(draw(300, 1)), bending=1)
+    coefficients = still.coefficients.clone()
+    coefficients[0, 1] = -1.0  # of r_0 in the first direction: x becomes x - q (x - center)
+    squeezed = replace(still, coefficients=coefficients)
+    assert not squeezed.folds(points, torch.tensor([[-2.0], [0.9]]).double())
+    assert squeezed.folds(points, torch.tensor([[0.0], [1.1]]).double())
+    assert not make_motion(space, 0, 1)[0].folds(points, draw(20, 1))
+
+
+def test_a_body_folds_where_its_deformation_changes_sign() -> None:
+    motion, points = make_motion(2, 2, 1)
+    states = torch.linspace(-2.0, 2.0, 41).double()[:, None]
+    for q in states:
+        slope = torch.autograd.functional.jacobian(lambda x, q=q: motion.carry(x, q[None])[0].sum(0), points)
+        signs = torch.linalg.det(slope.movedim(1, 0)) <= 0.0
+        for point, sign in zip(points, signs, strict=True):
+            assert motion.folds(point[None], q[None]) == bool(sign)
