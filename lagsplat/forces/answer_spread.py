@@ -1,13 +1,15 @@
 """How far answers to forces spread over the laws that a recording allows as well."""
 
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
+from scipy.stats import chi2
 from torch import Tensor
 
-from lagsplat.forces.equilibrium import settle
+from lagsplat.forces.equilibrium import compute_static_stiffness, settle
 from lagsplat.forces.loads import Load, PointLoad, ScaledLoad
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.matter.field import MaterialPoints
@@ -16,6 +18,18 @@ from lagsplat.stage2.likelihood.uncertainty import STEP
 
 NUDGE = 1e-3  # relative change of a force from which the slope of its answer is taken
 FEWEST = 10  # laws of which a spread is told
+NINE_IN_TEN = float(chi2(2).ppf(0.9))  # square of the half axes, in deviations, of an ellipse of such places
+LEAST_MOTION_PX = 1.0  # a smaller answer may spread by more than itself
+
+
+def find_half_width(covariance: Float64[np.ndarray, "n n"]) -> float:
+    """Half the long axis of the ellipse that holds a place nine times in ten [px]."""
+    return float(np.sqrt(NINE_IN_TEN * max(0.0, np.linalg.eigvalsh(covariance)[-1])))
+
+
+def is_undetermined(covariance: Float64[np.ndarray, "n n"], moved_px: float) -> bool:
+    """Whether an answer spreads by more than itself, so that the recording does not determine it."""
+    return find_half_width(covariance) > max(moved_px, LEAST_MOTION_PX)
 
 
 def measure_answer_spread(
@@ -39,26 +53,53 @@ def measure_answer_spread(
         points: one for each row.
         reference: a push of one row.
     """
-    parameters = ParameterVector(held.law)
-    theta, displaced = parameters.read(), []
     best = _displace(held, reference, reference.points)[0]
     nudged = _displace(held, ScaledLoad(reference, 1.0 + NUDGE), reference.points)[0]
     slope = float(((nudged - best) @ best) / (best @ best)) / NUDGE
     ways = _displace(held, load, points)
+
+    def measure() -> Float[Tensor, "B n"]:
+        answer = _displace(held, reference, reference.points)[0]
+        excess = float(((answer - best) @ best) / (best @ best))
+        return _displace(held, ScaledLoad(load, 1.0 - excess / slope), points) - ways
+
+    spread = _measure_over_laws(held, draws, measure)
+    return None if spread is None else torch.einsum("mbi,mbj->bij", spread, spread).numpy() / len(spread)
+
+
+def measure_stiffness_spread(
+    held: OperatingPoint, draws: Float64[np.ndarray, "m p"]
+) -> Float64[np.ndarray, "k d d"] | None:
+    """Changes of the static stiffness at rest over drawn laws [energy], by the delta method; None of too few.
+
+    Args:
+        held: the most likely law at rest.
+        draws: parameters of laws (`lagsplat.stage2.fit.load_parameter_draws`).
+    """
+
+    def compute() -> Float[Tensor, "d d"]:
+        rest = settle(held.law, held.u[None], start=held.rest)
+        return compute_static_stiffness(held.law, rest, held.u[None])[0]
+
+    usual = compute()
+    changes = _measure_over_laws(held, draws, lambda: compute() - usual)
+    return None if changes is None else changes.numpy()
+
+
+def _measure_over_laws(
+    held: OperatingPoint, draws: Float64[np.ndarray, "m p"], measure: Callable[[], Tensor]
+) -> Float[Tensor, "k ..."] | None:
+    """Changes that laws a small step of the way to the drawn ones make, per step; the law is restored."""
+    parameters = ParameterVector(held.law)
+    theta, changes = parameters.read(), []
     try:
         for each in draws:
             parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
             with suppress(ValueError, RuntimeError):  # a law without an equilibrium tells nothing
-                answer = _displace(held, reference, reference.points)[0]
-                excess = float(((answer - best) @ best) / (best @ best))
-                scaled = ScaledLoad(load, 1.0 - excess / slope)
-                displaced.append((_displace(held, scaled, points) - ways) / STEP)
+                changes.append(measure() / STEP)
     finally:
         parameters.write(theta)
-    if len(displaced) < FEWEST:
-        return None
-    spread = torch.stack(displaced)
-    return torch.einsum("mbi,mbj->bij", spread, spread).numpy() / len(spread)
+    return torch.stack(changes) if len(changes) >= FEWEST else None
 
 
 def _displace(held: OperatingPoint, load: Load, points: MaterialPoints) -> Float[Tensor, "B n"]:

@@ -1,6 +1,6 @@
 """Moving parts of an image: motion per pixel, points to push, and the outline."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -19,6 +19,7 @@ LARGEST = 0.98  # quantile of the motions that is taken as the largest
 RIM_PX = 2  # width of the rim
 COVERED = 0.8  # distance of a pixel from the material point that it shows [px]: these are a pixel apart
 MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
+LEAST_LEVER = 0.25  # of the typical motion, from which a push at a lever turns the object; set by hand
 TIP = 0.85  # position of the tip along the same length
 
 
@@ -69,6 +70,16 @@ def find_moving_parts(
     return MovingParts(jacobian, (distance <= COVERED) & moves)
 
 
+def has_levers(scene: MovingParts) -> bool:
+    """Whether the object turns enough to be pushed at a lever: some of it goes down, and some up.
+
+    Both must move by `LEAST_LEVER` of the typical motion. A bob on a thread hardly turns, and goes to the
+    side wherever it is pushed.
+    """
+    typical = np.median(scene.motion[scene.object])
+    return all(reach > LEAST_LEVER * typical for reach in _measure_reach(scene, scene.object).values())
+
+
 def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
     """Choose three points of growing lever on one side of the centre of rotation and one on the other.
 
@@ -78,17 +89,43 @@ def choose_lever_points(scene: MovingParts, *, margin: float) -> list[Point]:
     Raises:
         ValueError: nothing moves up or down on both sides.
     """
-    lever = scene.jacobian[:, :, 1, 0]
     usable = scene.object & _inside(scene.object.shape, margin)
-    if not (usable & (lever > 0)).any() or not (usable & (lever < 0)).any():
+    far = _measure_reach(scene, usable)
+    if not all(far.values()):
         raise ValueError("the object has no lever arms: no side moves down while the other moves up")
-    far = {side: float(np.quantile(side * lever[usable & (side * lever > 0)], 0.95)) for side in (-1, 1)}
     wanted = [-share * far[-1] for share in (0.35, 0.65, 1.0)] + [far[1]]
+    return _choose_points(scene.jacobian[:, :, 1, 0], wanted, usable)
+
+
+def choose_moving_points(scene: MovingParts, *, margin: float) -> list[Point]:
+    """Choose points that move little, as most do and much, at least ``margin`` [px] from the image's edge.
+
+    Raises:
+        ValueError: nothing moves there.
+    """
+    usable = scene.inner & _inside(scene.object.shape, margin)
+    if not usable.any():
+        raise ValueError(f"nothing moves that is {margin:.1f} px from the edge of the image; check stage 1")
+    return _choose_points(scene.motion, np.quantile(scene.motion[usable], (0.05, 0.5, 0.95)), usable)
+
+
+def _measure_reach(scene: MovingParts, usable: Bool[np.ndarray, "H W"]) -> dict[int, float]:
+    """How far pixels move down and up per unit of the first coordinate, nineteen in twenty at most."""
+    lever = scene.jacobian[:, :, 1, 0]
+    sides = {side: side * lever[usable & (side * lever > 0)] for side in (-1, 1)}
+    return {side: float(np.quantile(moved, 0.95)) if len(moved) else 0.0 for side, moved in sides.items()}
+
+
+def _choose_points(
+    values: Float64[np.ndarray, "H W"], wanted: Iterable[float], usable: Bool[np.ndarray, "H W"]
+) -> list[Point]:
+    """Pixels of some values, near the middle of the rows that are usable."""
     middle = np.median(np.nonzero(usable)[0])
-    rows = np.abs(np.arange(len(lever)) - middle)[:, None] / len(lever)
+    rows = np.abs(np.arange(len(values)) - middle)[:, None] / len(values)
+    largest = np.abs(values[usable]).max()
     points = []
     for value in wanted:
-        score = np.where(usable, np.abs(lever - value) / max(far.values()) + 0.3 * rows, np.inf)
+        score = np.where(usable, np.abs(values - value) / largest + 0.3 * rows, np.inf)
         row, column = np.unravel_index(int(score.argmin()), score.shape)
         points.append((float(column) + 0.5, float(row) + 0.5))
     return points

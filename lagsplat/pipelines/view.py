@@ -112,7 +112,7 @@ def pushable(run: FittedRun, experiment: Config) -> Session:
     """A run at rest under its mean inputs, ready to be pushed."""
     operating_point = hold_at_load(run.autoencoder, run.chart, run.lagrangian, run.matter)
     recorded = read_recorded_data(run.chart, names=run.recording.input_names, units=run.recording.input_units)
-    return Session(operating_point, recorded, experiment.viewer, experiment.forces)
+    return Session(operating_point, recorded, experiment.viewer, experiment.forces, run.draws)
 
 
 def title_of(folder: Path) -> str:

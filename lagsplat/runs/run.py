@@ -23,7 +23,7 @@ from lagsplat.matter.fit import fit_matter
 from lagsplat.matter.scene import make_scene
 from lagsplat.provenance import code_digest
 from lagsplat.stage1.autoencoder import Autoencoder, load_autoencoder
-from lagsplat.stage2.fit import load_dynamics
+from lagsplat.stage2.fit import load_dynamics, load_parameter_draws
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout as integrate
 from lagsplat.views.novel import NovelViews, load_views
@@ -51,6 +51,13 @@ class FittedRun:
     lagrangian: Lagrangian
     folder: Path | None = None
     """Where it was opened from or written to."""
+
+    @cached_property
+    def draws(self) -> Float64[np.ndarray, "m p"] | None:
+        """Parameters of laws that the recording allows as well; None without a folder or a likelihood."""
+        if self.folder is None:
+            return None
+        return load_parameter_draws(locate_artefact(self.folder, "dynamics"))
 
     @cached_property
     def matter(self) -> MatterField:

@@ -11,11 +11,16 @@ from jaxtyping import Bool, Float, Float64
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from scipy.stats import chi2
+from torch import Tensor
 
 from lagsplat.evaluate.forces.motion import SpacePush
 from lagsplat.forces import moving_parts
-from lagsplat.forces.answer_spread import measure_answer_spread
+from lagsplat.forces.answer_spread import (
+    NINE_IN_TEN,
+    find_half_width,
+    is_undetermined,
+    measure_answer_spread,
+)
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad, SummedLoad
@@ -25,8 +30,6 @@ from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
-ELLIPSE = float(chi2(2).ppf(0.9))  # square of the half axes, in deviations, of nine in ten places of a plane
-LEAST_MOTION_PX = 1.0  # a smaller answer may spread by more than itself
 FORCE_COLOUR = "#AA1E1E"
 MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of the image
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
@@ -62,13 +65,6 @@ class ForcePanel:
     image: Float[np.ndarray, "h w 3"]
     spread: Float64[np.ndarray, "2 2"] | None = None
     is_beyond: bool = False
-
-    @property
-    def half_width_px(self) -> float | None:
-        """Half the long axis of the ellipse that holds the place of the pushed matter nine times in ten."""
-        if self.spread is None:
-            return None
-        return float(np.sqrt(ELLIPSE * np.linalg.eigvalsh(self.spread)[-1]))
 
 
 @dataclass(frozen=True)
@@ -145,11 +141,10 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 
 
 def _describe_answer(panel: ForcePanel) -> str:
-    distance, half_width = f"{panel.moved_px:.1f} px", panel.half_width_px
-    if half_width is not None:
-        distance += rf" $\pm$ {half_width:.1g}"
-        if half_width > max(panel.moved_px, LEAST_MOTION_PX):
-            distance += ", undetermined"
+    distance = f"{panel.moved_px:.1f} px"
+    if panel.spread is not None:
+        distance += rf" $\pm$ {find_half_width(panel.spread):.1g}"
+        distance += ", undetermined" if is_undetermined(panel.spread, panel.moved_px) else ""
     if len(panel.shift) == 1:
         return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$, " + distance
     return distance
@@ -164,9 +159,9 @@ def compute_force_panels(
 ) -> ForcePanels:
     """Compute the equilibria of the paper's nine panels.
 
-    Of a mechanism with one coordinate they are levers, directions and background; what hangs is pushed at
-    its middle and its tip, across and along. ``draws`` are parameters of laws that the recording allows as
-    well; the first push of all sets the energy scale of each.
+    They are levers, directions and background; what hardly turns is pushed along its way, and an arm that
+    hangs at its middle and its tip, across and along. ``draws`` are parameters of laws that the recording
+    allows as well; the first push of all sets the energy scale of each.
 
     Raises:
         ValueError: nothing moves in the image, or not on both sides of a centre of rotation.
@@ -174,7 +169,8 @@ def compute_force_panels(
     Source: paper, figures of interactive forces.
     """
     scene, radius = held.find_moving_parts(), config.brush * held.width
-    named = (_push_hanging if hanging else _push_rolling)(held, scene, config.response, radius)
+    choose = _push_hanging if hanging else _push_rolling if moving_parts.has_levers(scene) else _push_swinging
+    named = choose(held, scene, config.response, radius)
     every = [pushes for _, pushes in named]
     first = stack_pushes([pushes[0] for pushes in every])
     second = [pushes[1] if len(pushes) > 1 else None for pushes in every]
@@ -209,11 +205,40 @@ def _push_rolling(
     size = held.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
+    return named + _push_background(held, scene, ImagePush(far, DOWN, size), radius)
+
+
+def _push_swinging(
+    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+) -> NamedPushes:
+    """Along the way of three points (a)-(c), other directions at one (d)-(f), background (g)-(i)."""
+    points = moving_parts.choose_moving_points(scene, margin=radius)
+    grips = [held.grasp(point, radius=radius) for point in points]
+    ways = [find_way(grip.jacobian(held.rest)) for grip in grips]
+    far, along = grips[-1], ways[-1]
+    size = held.find_force_size(far, along, share=response)
+    named = [("along its way", [ImagePush(grip, way, size)]) for grip, way in zip(grips, ways, strict=True)]
+    across = np.array([-along[1], along[0]])
+    turned = (-along, OBLIQUE[0] * (across - along), across)
+    named += [("direction", [ImagePush(far, direction, size)]) for direction in turned]
+    return named + _push_background(held, scene, ImagePush(far, along, size), radius)
+
+
+def find_way(jacobian: Float[Tensor, "n d"]) -> Float64[np.ndarray, " n"]:
+    """Unit direction in which a point moves most, per deviation of the state; downwards or to the right."""
+    way = torch.linalg.svd(jacobian)[0][:, 0].numpy()
+    return way * np.sign(way[np.abs(way).argmax()])
+
+
+def _push_background(
+    held: OperatingPoint, scene: moving_parts.MovingParts, push: ImagePush, radius: float
+) -> NamedPushes:
+    """The same force where the picture never moves."""
     taken = scene.object.copy()
     taken[-round(MAX_ARROW_SHARE * held.height) :] = True  # where an arrow downwards would leave the image
-    off_object = moving_parts.choose_background_points(taken, N_BACKGROUND, margin=2 * radius)
-    grips = [held.grasp(point, radius=radius) for point in off_object]
-    return named + [("background", [ImagePush(grip, DOWN, size)]) for grip in grips]
+    points = moving_parts.choose_background_points(taken, N_BACKGROUND, margin=2 * radius)
+    grips = [held.grasp(point, radius=radius) for point in points]
+    return [("background", [ImagePush(grip, push.direction, push.size)]) for grip in grips]
 
 
 def _push_hanging(
@@ -323,7 +348,7 @@ def _show(axis: Axes, image: np.ndarray, size: tuple[int, int], *, alpha: float 
 
 def _draw_ellipse(axis: Axes, middle: np.ndarray, spread: Float64[np.ndarray, "2 2"]) -> None:
     """The ellipse that holds a place nine times in ten."""
-    values, vectors = np.linalg.eigh(ELLIPSE * spread)
+    values, vectors = np.linalg.eigh(NINE_IN_TEN * spread)
     width, height = 2.0 * np.sqrt(np.clip(values[::-1], 0.0, None))
     angle = float(np.degrees(np.arctan2(vectors[1, -1], vectors[0, -1])))
     axis.add_patch(

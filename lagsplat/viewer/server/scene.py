@@ -9,6 +9,7 @@ import numpy as np
 import viser
 
 from lagsplat.array_types import Vector
+from lagsplat.forces.answer_spread import NINE_IN_TEN
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.viewer.rendering.overlays import AccelerationField, draw_lines, to_segments
 from lagsplat.viewer.rendering.renderer import FrameRenderer, ImageRenderer, RgbImage
@@ -64,6 +65,7 @@ class SceneView:
         self.velocity = draw_lines(scene, "/velocity", EMPTY, FIELD, thick=0.02)
         self.residual_lines = draw_lines(scene, "/residual", EMPTY, RESIDUAL, thick=0.024)
         self.brush = draw_lines(scene, "/brush", EMPTY, BRUSH, thick=0.02)
+        self.spread = draw_lines(scene, "/spread", EMPTY, BRUSH, thick=0.012)
 
     def draw(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for every visitor."""
@@ -79,14 +81,17 @@ class SceneView:
 
     def _draw_grasp(self, snapshot: Snapshot) -> None:
         grasp = snapshot.active_grasp
-        self.arrow.visible = self.brush.visible = grasp is not None
+        self.arrow.visible = self.brush.visible = self.spread.visible = grasp is not None
         if grasp is None:
             return
-        place = grasp.place(snapshot.q)
+        place, axes = grasp.place(snapshot.q), self.canvas.axes
         angle = np.linspace(0.0, 2.0 * np.pi, CORNERS)
-        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ self.canvas.axes
-        ring = self.canvas.to_scene(place + self.grasp_model.radius_px * circle)
-        self.brush.points = to_segments(ring).astype(np.float32)
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        values, vectors = np.linalg.eigh(axes @ grasp.covariance @ axes.T)
+        half = vectors * np.sqrt(NINE_IN_TEN * np.clip(values, 0.0, None))
+        for line, ring in ((self.brush, self.grasp_model.radius_px * circle), (self.spread, circle @ half.T)):
+            line.points = to_segments(self.canvas.to_scene(place + ring @ axes)).astype(np.float32)
+        self.spread.visible = float(np.linalg.norm(half)) > SHORTEST_PX
         tip = place + grasp.force / grasp.gain
         self.arrow.visible = bool(np.linalg.norm(tip - place) > SHORTEST_PX)
         self.arrow.points = self.canvas.to_scene(np.stack([place, tip])[None], layer=2).astype(np.float32)

@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
+from lagsplat.forces.answer_spread import is_undetermined, measure_stiffness_spread
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.grasp import SPACING_PX, GraspPoint, Place, Point, grasp_brush
@@ -80,6 +81,7 @@ FOLLOW = 0.65  # share of the way of the hand that the held matter goes at rest,
 LEAST_FOLLOW = 0.25  # share of the usual mobility that is the least one, so that forces at a pivot are finite
 MOST_REACH = 2.0  # visited radii that a drag moves the state at most, to first order
 OBJECT = 0.5  # share of the largest motion: points that move at least as much have the usual mobility
+MOST_LAWS = 64  # drawn laws of which the spread of an answer is told
 WEAKEST = 1e-6
 """Share of the largest stiffness: lower bound on every stiffness, and the size of an unstable one."""
 
@@ -90,12 +92,16 @@ class Grasp:
 
     ``force`` [energy of the law per px] points right, down and, in space, away from the recording camera.
     ``gain`` [energy per px^2] is the force of a short drag per pixel. ``answer`` is the motion of the state
-    under a unit of force, to first order, as a share of the longest that a drag may cause.
+    under a unit of force, to first order, as a share of the longest that a drag may cause. ``mobility`` is
+    that of the matter [px per unit of force], and ``spread`` how much it differs in laws that the recording
+    allows as well; without a row, this is not known.
     """
 
     grasp_point: GraspPoint
     gain: float
     answer: Float64[np.ndarray, "d n"]
+    mobility: Float64[np.ndarray, "n n"]
+    spread: Float64[np.ndarray, "k n n"]
     force: Float64[np.ndarray, " n"]
 
     @property
@@ -107,6 +113,17 @@ class Grasp:
         """The same grasp under the force of a drag, limited by `MOST_REACH`, times ``strength``."""
         force = self.gain * drag_px
         return replace(self, force=strength / max(1.0, float(np.linalg.norm(self.answer @ force))) * force)
+
+    @property
+    def covariance(self) -> Float64[np.ndarray, "n n"]:
+        """Of the way on which the force takes the matter in the end, to first order [px^2]."""
+        ways = self.spread @ self.force
+        return ways.T @ ways / max(1, len(ways))
+
+    @property
+    def is_undetermined(self) -> bool:
+        """Whether the recording does not determine where the force takes the matter."""
+        return is_undetermined(self.covariance, float(np.linalg.norm(self.mobility @ self.force)))
 
     def load(self, q: Vector) -> Vector:
         """The generalised force at the state ``q`` [energy of the law per whitened unit]."""
@@ -123,10 +140,16 @@ class GraspModel:
     Matter with the Jacobian ``J`` has the mobility ``|J C J^T|_F`` [px^2 per energy], where ``C`` is the
     ``compliance`` of the state at rest: its way under a unit of force, where it has one direction to go. The
     usual mobility is the median of points that move much (`OBJECT`) at rest; ``usual_gain`` [energy per px^2]
-    is the gain at it.
+    is the gain at it. ``spread`` (k, d, d) is how much the compliance differs in drawn laws, each in the unit
+    of energy in which its usual mobility is this one: a film does not tell the unit.
     """
 
-    def __init__(self, operating_point: OperatingPoint, forces: ForcesConfig) -> None:
+    def __init__(
+        self,
+        operating_point: OperatingPoint,
+        forces: ForcesConfig,
+        draws: Float64[np.ndarray, "m p"] | None = None,
+    ) -> None:
         self.operating_point, rest = operating_point, operating_point.rest
         self.radius_px = max(SPACING_PX, forces.brush * operating_point.width)
         self.farthest = MOST_REACH * operating_point.visited_radius
@@ -137,9 +160,18 @@ class GraspModel:
         jacobian = operating_point.matter.jacobian(rest)
         motion = jacobian.flatten(1).norm(dim=1)
         chosen = jacobian[motion >= OBJECT * motion.max()]
-        usual = float(torch.linalg.matrix_norm(chosen @ compliance @ chosen.mT).median())
+        mobility = chosen @ compliance @ chosen.mT
+        sizes = torch.linalg.matrix_norm(mobility)
+        usual, middle = float(sizes.median()), int(sizes.median(0).indices)
         self.compliance, self.usual_gain = compliance.numpy(), FOLLOW / usual
         self.least_mobility = LEAST_FOLLOW * usual
+        changes = None if draws is None else measure_stiffness_spread(operating_point, draws[:MOST_LAWS])
+        self.spread = np.zeros((0, *compliance.shape))
+        if changes is not None:
+            spread = -compliance @ torch.from_numpy(changes) @ compliance
+            across = chosen[middle] @ spread @ chosen[middle].mT
+            excess = (across * mobility[middle]).sum((1, 2)) / usual**2
+            self.spread = (spread - excess[:, None, None] * compliance).numpy()
 
     def grasp(self, q: Vector, at: Point | Place) -> Grasp:
         """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet."""
@@ -148,5 +180,6 @@ class GraspModel:
         held = grasp_brush(point.matter, state, at, radius=self.radius_px, size=size)
         jacobian = held.jacobian(state).numpy()
         answer = self.compliance @ jacobian.T
-        gain = FOLLOW / max(float(np.linalg.norm(jacobian @ answer)), self.least_mobility)
-        return Grasp(held, gain, answer / self.farthest, np.zeros(point.matter.space))
+        mobility, spread = jacobian @ answer, jacobian @ self.spread @ jacobian.T
+        gain = FOLLOW / max(float(np.linalg.norm(mobility)), self.least_mobility)
+        return Grasp(held, gain, answer / self.farthest, mobility, spread, np.zeros(point.matter.space))

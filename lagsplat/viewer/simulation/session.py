@@ -28,6 +28,7 @@ DIVERGED = (
     "or undo the edits of damping, inertia and stiffness."
 )
 BEYOND = "Beyond the recording: the camera never saw such a state, and image and forces are a guess."
+UNDETERMINED = "Not determined by this recording: how far this push goes differs by more than its way."
 
 
 @dataclass(frozen=True)
@@ -55,19 +56,26 @@ class Snapshot:
         """Warning to show with this state, or an empty string."""
         if self.status == "stopped":
             return DIVERGED
-        return BEYOND if self.coverage_distance > 1.0 else ""
+        if self.coverage_distance > 1.0:
+            return BEYOND
+        return UNDETERMINED if self.active_grasp is not None and self.active_grasp.is_undetermined else ""
 
 
 class Session:
     """Steps a run that a user pushes and edits; starts at rest under the inputs of the operating point."""
 
     def __init__(
-        self, point: OperatingPoint, recorded: RecordedData, config: ViewerConfig, forces: ForcesConfig
+        self,
+        point: OperatingPoint,
+        recorded: RecordedData,
+        config: ViewerConfig,
+        forces: ForcesConfig,
+        draws: Float64[np.ndarray, "m p"] | None = None,
     ) -> None:
         self.operating_point, self.recorded = point, recorded
         self.config, self.forces = config, forces
         self.dt_s = point.chart.dt_s
-        self.grasp_model = GraspModel(point, forces)
+        self.grasp_model = GraspModel(point, forces, draws)
         self.coverage = measure_coverage(point.chart, beyond=config.beyond)
         self.edits, self.law = UNTOUCHED, make_fast_lagrangian(point.law)
         self.u = point.u.numpy().copy()

@@ -13,6 +13,7 @@ from jaxtyping import Float32
 from jinja2 import Template
 from torch import Tensor
 
+from lagsplat.forces.answer_spread import LEAST_MOTION_PX, NINE_IN_TEN
 from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.io.files.atomic import write_text
@@ -109,6 +110,9 @@ def pack_page(session: Session) -> dict[str, Any]:
             "compliance": grasp_model.compliance,
             "leastMobility": grasp_model.least_mobility,
             "farthest": grasp_model.farthest,
+            "spread": grasp_model.spread,
+            "nineInTen": NINE_IN_TEN,
+            "leastMotion": LEAST_MOTION_PX,
         },
         "law": pack_law(law),
         "matter": pack_matter(operating_point.matter),

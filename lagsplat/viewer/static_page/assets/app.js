@@ -112,7 +112,7 @@ function showHand({ session, picture, view, scale }) {
   const { grip } = session;
   byId("hint").style.opacity = session.everHeld ? 0 : 1;
   picture.classList.toggle("held", grip !== null);
-  for (const id of ["arrow", "shade", "brush"]) byId(id).style.visibility = grip ? "visible" : "hidden";
+  for (const id of ["arrow", "shade", "brush", "spread"]) byId(id).style.visibility = grip ? "visible" : "hidden";
   if (!grip) return;
   const at = grip.place(session.q);
   const place = view.seen(at).map((x) => x * scale);
@@ -120,11 +120,26 @@ function showHand({ session, picture, view, scale }) {
   byId("brush").setAttribute("cx", place[0]);
   byId("brush").setAttribute("cy", place[1]);
   byId("brush").setAttribute("r", session.radius * view.scale(at) * scale);
+  const ring = ellipse(grip, at, view).map((pixel) => pixel.map((x) => x * scale).join(" "));
+  byId("spread").setAttribute("d", `M${ring.join("L")}`);
   const long = Math.hypot(tip[0] - place[0], tip[1] - place[1]) > 6;
   for (const id of ["arrow", "shade"]) {
     line(id, place, tip);
     byId(id).style.visibility = long ? "visible" : "hidden";
   }
+}
+
+/** Places of the picture [px] around the ellipse that holds the held matter nine times in ten, once it rests. */
+function ellipse(grip, at, view) {
+  const foot = view.seen(at);
+  const slopes = at.map((_, i) => plus(view.seen(at.map((x, j) => x + (i === j))), foot, -1));
+  const covariance = matrixProduct([0, 1].map((k) => slopes.map((row) => row[k])), matrixProduct(grip.covariance(), slopes));
+  const [[a, b], [, c]] = covariance.map((row) => row.map((x) => x * grip.nineInTen));
+  const [wide, high] = [Math.sqrt(Math.max(a, 0)), Math.sqrt(Math.max(c - (a > 0 ? b ** 2 / a : 0), 0))];
+  return Array.from({ length: 49 }, (_, n) => {
+    const [x, y] = [Math.cos((n * Math.PI) / 24), Math.sin((n * Math.PI) / 24)];
+    return [foot[0] + wide * x, foot[1] + (wide > 0 ? (b / wide) * x : 0) + high * y];
+  });
 }
 
 function showVelocity({ session, run, view, scale }) {

@@ -16,6 +16,18 @@ function rotationSeries(w, first, second) {
   const square = matrixProduct(skew, skew);
   return inSquare(3, (i, j) => (i === j ? 1 : 0) + first * skew[i][j] + second * square[i][j]);
 }
+/** The largest eigenvalue of a covariance, by powers of it: squaring it ten times leaves no other one. */
+function largestEigenvalue(covariance) {
+  const trace = (a) => a.reduce((sum, row, i) => sum + row[i], 0);
+  let [power, scale] = [covariance, trace(covariance)];
+  if (!(scale > 0)) return 0;
+  for (let n = 0; n < 10; n++) {
+    power = matrixProduct(power, power);
+    const size = trace(power);
+    power = power.map((row) => row.map((x) => x / size));
+  }
+  return trace(matrixProduct(power, covariance));
+}
 const angleOf = (w) => Math.max(Math.hypot(...w), 1e-6);
 const bend = (angle) => (2 * Math.sin(0.5 * angle) ** 2) / angle ** 2; // (1 - cos) / angle^2
 
@@ -130,12 +142,25 @@ class Grip {
     return this.body.differentiate(q).map((slope) => apply(slope, this.basis));
   }
   /** Measure how it answers to a force at a state, as `GraspModel` in lagsplat/viewer/simulation/grasp.py. */
-  measure(q, { follow, compliance, leastMobility, farthest }) {
+  measure(q, { follow, compliance, leastMobility, farthest, spread, nineInTen, leastMotion }) {
     const slopes = this.slopes(q);
     const answer = matrixProduct(compliance, slopes);
-    const mobility = Math.hypot(...this.at.flatMap((_, i) => applyTransposed(answer, slopes.map((slope) => slope[i]))));
-    this.gain = follow / Math.max(mobility, leastMobility);
+    const across = this.at.map((_, i) => slopes.map((slope) => slope[i]));
+    this.mobility = matrixProduct(across, answer);
+    this.gain = follow / Math.max(Math.hypot(...this.mobility.flat()), leastMobility);
     this.answer = answer.map((row) => row.map((x) => x / farthest));
+    this.spread = spread.map((change) => matrixProduct(across, matrixProduct(change, slopes)));
+    Object.assign(this, { nineInTen, leastMotion });
+  }
+  /** Covariance of the way on which the force takes the matter, over laws that the recording allows as well. */
+  covariance() {
+    const ways = this.spread.map((each) => apply(each, this.force));
+    return inSquare(this.at.length, (i, j) => ways.reduce((sum, way) => sum + way[i] * way[j], 0) / Math.max(1, ways.length));
+  }
+  /** Whether the recording does not determine where the force takes the matter. */
+  isUndetermined() {
+    const [covariance, way] = [this.covariance(), Math.hypot(...apply(this.mobility, this.force))];
+    return Math.sqrt(this.nineInTen * largestEigenvalue(covariance)) > Math.max(way, this.leastMotion);
   }
   /** Take the force of a drag, limited so that the state stays near, times `strength`. */
   pull(drag, strength) {

@@ -101,6 +101,8 @@ class PageSession {
     if (this.stopped) return "The motion diverged and the integration stopped. Press Rest, or undo the edits.";
     if (uncovered(this.q, this.run.coverage) > 1)
       return "Beyond the recording: the camera never saw such a state, and what you see is a guess.";
+    if (this.grip?.isUndetermined())
+      return "Not determined by this recording: how far this push goes differs by more than its way.";
     return "";
   }
 }
