@@ -1,15 +1,19 @@
 """Runs in miniature whose kinematics is known: a disc that rocks about its lower edge, an arm that hangs."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
+from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.matter.film_registration import list_pixels
 from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage2.likelihood.parameter_vector import POTENTIAL, ParameterVector
 from tests.matter_fields import make_linear_matter
+from tests.stage2_problems import random_lagrangian
 from tests.unit.evaluate.tiny_run import lagrangian
 
 HEIGHT, WIDTH = 24, 32
@@ -90,3 +94,23 @@ def _held(
     )
     matter = make_linear_matter(pixels, move(pixels), bending=2)
     return hold_at_load(model.eval(), chart, lagrangian(d), matter)
+
+
+def hold_polynomial_strip() -> OperatingPoint:
+    """The hanging strip under a law of polynomials, at its rest."""
+    return hold_under_polynomials(hanging())
+
+
+def hold_under_polynomials(held: OperatingPoint) -> OperatingPoint:
+    """The same run under a random law of polynomials, at its rest."""
+    law = random_lagrangian(held.law.d, 1, 3, amount=0.02, terms="polynomial", map_degree=1)
+    return replace(held, law=law, rest=settle(law, held.u[None])[0])
+
+
+def draw_springs(held: OperatingPoint, *, deviation: float) -> np.ndarray:
+    """Parameters of 40 laws whose springs of the coordinate that stretches differ by this share."""
+    parameters = ParameterVector(held.law)
+    square = held.law.energy.exponents.tolist().index([0.0, 2.0])
+    draws = np.tile(parameters.read().numpy(), (40, 1))
+    draws[:, int(parameters.find_columns(POTENTIAL)[square])] *= 1.0 + deviation * np.tile([-1.0, 1.0], 20)
+    return draws

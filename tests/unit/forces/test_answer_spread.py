@@ -1,25 +1,15 @@
 """Spread of answers over drawn laws: of a scale of all energies none, of an uncertain spring its own."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 
-from lagsplat.forces.answer_spread import measure_answer_spread
-from lagsplat.forces.equilibrium import settle
+from lagsplat.forces.answer_spread import measure_answer_spread, measure_stiffness_spread
+from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import OperatingPoint
-from lagsplat.stage2.likelihood.parameter_vector import POTENTIAL, ParameterVector
-from tests.stage2_problems import random_lagrangian
-from tests.unit.forces.rocking import hanging
-
-
-def hold() -> OperatingPoint:
-    """The hanging strip under a law of polynomials."""
-    law = random_lagrangian(2, 1, 3, amount=0.02, terms="polynomial", map_degree=1)
-    held = hanging()
-    return replace(held, law=law, rest=settle(law, held.u[None])[0])
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from tests.unit.forces.rocking import draw_springs, hold_polynomial_strip
 
 
 def push(held: OperatingPoint, force: tuple[float, float]) -> PointLoad:
@@ -28,7 +18,7 @@ def push(held: OperatingPoint, force: tuple[float, float]) -> PointLoad:
 
 
 def test_laws_whose_energies_have_another_scale_answer_alike() -> None:
-    held = hold()
+    held = hold_polynomial_strip()
     parameters = ParameterVector(held.law)
     before = parameters.read()
     along = parameters.scale_direction().numpy()
@@ -42,13 +32,8 @@ def test_laws_whose_energies_have_another_scale_answer_alike() -> None:
 
 
 def test_a_spring_that_is_not_known_spreads_its_own_answers() -> None:
-    held = hold()
-    parameters = ParameterVector(held.law)
-    theta = parameters.read().numpy()
-    square = held.law.energy.exponents.tolist().index([0.0, 2.0])  # of the coordinate that stretches
-    column = int(parameters.find_columns(POTENTIAL)[square])
-    draws = np.tile(theta, (40, 1))
-    draws[:, column] *= 1.0 + 0.1 * np.tile([-1.0, 1.0], 20)
+    held = hold_polynomial_strip()
+    draws = draw_springs(held, deviation=0.1)
     sideways, down = push(held, (0.05, 0.0)), push(held, (0.0, 0.05))
     of_down = measure_answer_spread(held, draws, down, down.points, reference=sideways)
     of_sideways = measure_answer_spread(held, draws, sideways, sideways.points, reference=sideways)
@@ -59,7 +44,18 @@ def test_a_spring_that_is_not_known_spreads_its_own_answers() -> None:
     assert of_sideways[0, 0, 0] < 0.05 * of_down[0, 1, 1]
 
 
+def test_the_stiffness_spreads_as_its_spring_does() -> None:
+    held = hold_polynomial_strip()
+    changes = measure_stiffness_spread(held, draw_springs(held, deviation=0.1))
+    assert changes is not None
+    stiffness = compute_static_stiffness(held.law, held.rest[None], held.u[None])[0].numpy()
+    spread = np.sqrt(np.square(changes).mean(0))
+    assert spread[1, 1] == pytest.approx(0.1 * stiffness[1, 1], rel=0.3)
+    assert spread[0, 0] < 0.05 * spread[1, 1]
+
+
 def test_too_few_laws_tell_no_spread() -> None:
-    held = hold()
+    held = hold_polynomial_strip()
     load, theta = push(held, (0.05, 0.0)), ParameterVector(held.law).read().numpy()
     assert measure_answer_spread(held, theta[None], load, load.points, reference=load) is None
+    assert measure_stiffness_spread(held, theta[None]) is None

@@ -8,7 +8,9 @@ from lagsplat.forces.moving_parts import (
     choose_background_points,
     choose_hanging_points,
     choose_lever_points,
+    choose_moving_points,
     draw_outline,
+    has_levers,
 )
 from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
 
@@ -30,6 +32,25 @@ def test_levers_grow_away_from_the_centre_of_rotation_and_change_sign():
     arms = [x - CONTACT[0] for x, _ in choose_lever_points(scene, margin=1.0)]
     assert arms[0] > arms[1] > arms[2]
     assert arms[0] < 0 < arms[3]
+
+
+def test_what_turns_has_levers_and_a_bob_on_a_thread_has_none():
+    scene = rocking().find_moving_parts()
+    assert has_levers(scene)
+    moved = scene.jacobian.copy()
+    moved[scene.object, 0, 0] += 10.0  # the same turn, and a long way to the side
+    assert not has_levers(MovingParts(moved, scene.object))
+
+
+def test_moving_points_move_more_and_more():
+    scene = rocking().find_moving_parts()
+    points = choose_moving_points(scene, margin=1.0)
+    moves = [scene.motion[int(y), int(x)] for x, y in points]
+    assert moves[0] < moves[1] < moves[2]
+    assert all(scene.inner[int(y), int(x)] for x, y in points)
+    still = MovingParts(np.zeros((8, 8, 2, 1)), np.zeros((8, 8), bool))
+    with pytest.raises(ValueError, match="nothing moves"):
+        choose_moving_points(still, margin=1.0)
 
 
 def test_background_points_lie_apart_and_off_the_object():

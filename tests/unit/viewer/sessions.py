@@ -11,7 +11,7 @@ from lagsplat.matter.field import MatterField
 from lagsplat.monomials import make_wide_ball
 from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.session import Session
-from tests.unit.forces.rocking import CONTACT, hanging, rocking
+from tests.unit.forces.rocking import CONTACT, draw_springs, hanging, hold_polynomial_strip, rocking
 from tests.unit.forces.solid import turning
 
 
@@ -32,6 +32,14 @@ def swing() -> Session:
 
 def strip() -> Session:
     return session(hanging())
+
+
+def uncertain(deviation: float) -> Session:
+    """The strip under a law of polynomials, of which the spring that stretches is known up to a share."""
+    point = hold_polynomial_strip()
+    one = session(point)
+    draws = draw_springs(point, deviation=deviation)
+    return Session(point, one.recorded, one.config, one.forces, draws)
 
 
 def plate() -> Session:

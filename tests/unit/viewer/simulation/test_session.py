@@ -1,5 +1,7 @@
 """Sessions without a browser: pushes, resets, edits, replays and refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,11 +10,12 @@ from lagsplat.forces.grasp import NoMatterError
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import ConstantLoad, PointLoad
 from lagsplat.forces.operating_point import NoScaleError
-from lagsplat.viewer.simulation.grasp import FOLLOW
-from lagsplat.viewer.simulation.session import BEYOND, DIVERGED
-from tests.unit.forces.rocking import CONTACT, WIDTH, rocking
+from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
+from lagsplat.viewer.simulation.grasp import FOLLOW, GraspModel
+from lagsplat.viewer.simulation.session import BEYOND, DIVERGED, UNDETERMINED
+from tests.unit.forces.rocking import CONTACT, WIDTH, hold_under_polynomials, rocking
 from tests.unit.forces.solid import FRONT
-from tests.unit.viewer.sessions import plate, session, strip, swing
+from tests.unit.viewer.sessions import plate, session, strip, swing, uncertain
 
 TOP = (16.0, 6.0)
 RIGHT = np.array([4.0, 0.0])
@@ -238,3 +241,31 @@ def test_invalid_commands_are_refused_and_change_nothing(act):
     assert one.edits == before.edits
     assert (one.u == before.u).all()
     assert one.active_grasp is None or not one.active_grasp.force.any()
+
+
+def test_a_push_tells_how_far_its_answer_differs_among_laws():
+    one = uncertain(0.1)
+    one.grasp((16.0, 20.0))
+    one.pull(np.array([0.0, 4.0]))
+    way = one.active_grasp.mobility @ one.active_grasp.force
+    assert np.sqrt(one.active_grasp.covariance[1, 1]) == pytest.approx(0.1 * abs(way[1]), rel=0.5)
+    assert not one.active_grasp.is_undetermined
+    assert replace(one.snapshot(), coverage_distance=0.5).banner == ""
+
+
+def test_a_push_that_the_recording_does_not_determine_is_told():
+    one = uncertain(3.0)
+    one.grasp((16.0, 20.0))
+    assert not one.active_grasp.is_undetermined
+    one.pull(np.array([0.0, 8.0]))
+    assert one.active_grasp.is_undetermined
+    assert replace(one.snapshot(), coverage_distance=0.5).banner == UNDETERMINED
+
+
+def test_of_one_coordinate_the_answer_is_known_up_to_its_unit():
+    point = hold_under_polynomials(rocking())
+    theta = ParameterVector(point.law).read().numpy()
+    draws = theta * (1.0 + 0.1 * np.random.default_rng(0).standard_normal((20, len(theta))))
+    model = GraspModel(point, session().forces, draws)
+    assert len(model.spread) == 20
+    assert np.abs(model.spread).max() < 1e-6 * np.abs(model.compliance).max()

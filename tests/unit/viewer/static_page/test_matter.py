@@ -11,7 +11,7 @@ from lagsplat.monomials import list_exponents
 from lagsplat.viewer.static_page.build import MECHANICS, pack_matter, pack_page
 from tests.unit.forces.rocking import CONTACT, WIDTH
 from tests.unit.viewer.scripts import run_script
-from tests.unit.viewer.sessions import session, strip, swing
+from tests.unit.viewer.sessions import session, strip, swing, uncertain
 
 MOVE = """
 const data = JSON.parse(require("fs").readFileSync(0, "utf8"));
@@ -35,6 +35,15 @@ const path = Array.from({ length: steps }, () => {
 });
 const { force, isBackground } = grip;
 console.log(JSON.stringify({ path, force, isBackground, banners: Array.from(banners) }));
+"""
+SPREAD = """
+const { run, at, drag } = JSON.parse(require("fs").readFileSync(0, "utf8"));
+const session = new PageSession(run, lawOf(run.law), viewOf(run));
+const grip = session.grasp(at);
+session.pull(drag);
+const covariance = grip.covariance();
+const largest = largestEigenvalue(covariance);
+console.log(JSON.stringify({ covariance, isUndetermined: grip.isUndetermined(), largest }));
 """
 
 
@@ -113,3 +122,14 @@ def test_the_force_of_a_drag_is_the_one_of_python(make) -> None:
         one.grasp((16.0, y))
         one.pull(np.array(drag))
         np.testing.assert_allclose(result["force"], one.active_grasp.force, rtol=1e-9)
+
+
+@pytest.mark.parametrize("deviation", [0.1, 3.0])
+def test_the_spread_of_an_answer_is_the_one_of_python(deviation: float) -> None:
+    one, at, drag = uncertain(deviation), (16.0, 20.0), (1.0, 8.0)
+    result = run_script(MECHANICS, SPREAD, {"run": pack_page(one), "at": at, "drag": drag})
+    one.grasp(at)
+    one.pull(np.array(drag))
+    np.testing.assert_allclose(result["covariance"], one.active_grasp.covariance, rtol=1e-9)
+    assert result["isUndetermined"] == one.active_grasp.is_undetermined == (deviation > 1.0)
+    assert result["largest"] == pytest.approx(np.linalg.eigvalsh(one.active_grasp.covariance)[-1])
