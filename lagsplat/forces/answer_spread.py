@@ -1,4 +1,4 @@
-"""How far answers to forces spread over the laws that a recording allows as well."""
+"""How far answers to forces spread over the laws and motions of matter that a recording allows as well."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,6 +12,7 @@ from torch import Tensor
 from lagsplat.forces.equilibrium import compute_static_stiffness, settle
 from lagsplat.forces.loads import Load, PointLoad, ScaledLoad
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.matter.body_motion import BodyMotion, list_deviated
 from lagsplat.matter.field import MaterialPoints
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import STEP
@@ -40,11 +41,11 @@ def measure_answer_spread(
     *,
     reference: PointLoad,
 ) -> Float64[np.ndarray, "B n n"] | None:
-    """Covariance of the displacements [px^2] of points under a load, over drawn laws; None of too few.
+    """Covariance of the displacements [px^2] of points under a load; None where too few laws were drawn.
 
-    As a film does not tell the unit of forces, each law has an energy scale with which the pushed point of
-    the ``reference`` goes as far along its way as under the most likely law. Laws a small step of the way to
-    the drawn ones are solved, by the delta method. The error of the matter's motion is not counted.
+    It is that over drawn laws, by the delta method, and that over deviations of the matter's motion. As a
+    film does not tell the unit of forces, each law has an energy scale with which the pushed point of the
+    ``reference`` goes as far along its way as under the most likely law.
 
     Args:
         held: the most likely law at rest.
@@ -58,13 +59,18 @@ def measure_answer_spread(
     slope = float(((nudged - best) @ best) / (best @ best)) / NUDGE
     ways = _displace(held, load, points)
 
-    def measure() -> Float[Tensor, "B n"]:
-        answer = _displace(held, reference, reference.points)[0]
-        excess = float(((answer - best) @ best) / (best @ best))
-        return _displace(held, ScaledLoad(load, 1.0 - excess / slope), points) - ways
+    def measure(bodies: tuple[BodyMotion, ...]) -> Float[Tensor, "B n"]:
+        poke = reference.moved_by(bodies)
+        excess = float(((_displace(held, poke, poke.points)[0] - best) @ best) / (best @ best))
+        scaled = ScaledLoad(load.moved_by(bodies), 1.0 - excess / slope)
+        return _displace(held, scaled, points.moved_by(bodies)) - ways
 
-    spread = _measure_over_laws(held, draws, measure)
-    return None if spread is None else torch.einsum("mbi,mbj->bij", spread, spread).numpy() / len(spread)
+    over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))
+    if over_laws is None:
+        return None
+    over_motions = [measure(bodies) for bodies in list_deviated(held.matter.bodies)]
+    changes = torch.cat([over_laws / len(over_laws) ** 0.5, *(each[None] for each in over_motions)])
+    return torch.einsum("mbi,mbj->bij", changes, changes).numpy()
 
 
 def measure_stiffness_spread(

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Latents
+from lagsplat.matter.body_motion import BodyMotion
 from lagsplat.matter.field import MaterialPoints
 
 
@@ -23,6 +24,9 @@ class Load(Protocol):
 
     def generalise(self, q: Latents) -> Latents:
         """Generalised force [energy per whitened unit], the slope of `work`."""
+
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "Load":
+        """The same forces on matter of bodies that move otherwise."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,10 @@ class ConstantLoad:
     def generalise(self, q: Latents) -> Latents:
         """The generalised force, at every state the same."""
         return self.value.expand_as(q)
+
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "ConstantLoad":
+        """The same load, which is on no matter."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,10 @@ class PointLoad:
         """``J(q)^T f`` [energy per whitened unit]."""
         return torch.einsum("bnd,bn->bd", self.points.differentiate_each(q), self.force)
 
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "PointLoad":
+        """The same forces on the same points of bodies that move otherwise."""
+        return PointLoad(self.points.moved_by(bodies), self.force)
+
 
 @dataclass(frozen=True)
 class SummedLoad:
@@ -99,6 +111,10 @@ class SummedLoad:
     def generalise(self, q: Latents) -> Latents:
         """Sum of their generalised forces."""
         return torch.stack([part.generalise(q) for part in self.parts]).sum(0)
+
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "SummedLoad":
+        """The same loads on bodies that move otherwise."""
+        return SummedLoad(tuple(part.moved_by(bodies) for part in self.parts))
 
 
 @dataclass(frozen=True)
@@ -118,6 +134,10 @@ class ScaledLoad:
     def generalise(self, q: Latents) -> Latents:
         """Its generalised force, scaled."""
         return self.factor * self.load.generalise(q)
+
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "ScaledLoad":
+        """The same load on bodies that move otherwise, scaled."""
+        return ScaledLoad(self.load.moved_by(bodies), self.factor)
 
 
 def make_no_load(d: int) -> ConstantLoad:

@@ -4,6 +4,7 @@ Poses are polynomials of the state, so that ways are arcs and not straight lines
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -25,7 +26,8 @@ class BodyMotion:
     (``bending`` 0) has ``b = (r, 1)`` and ``A = (R(w) - I, t)``; of one that bends, ``b`` are the monomials
     of ``r`` of the degrees 0 to ``bending`` and ``A`` is free. The pose, ``(t, w)`` or ``A``, is
     ``coefficients`` (k, p) times the monomials of the state of the degrees 1 to ``latent_degree``, which
-    outside ``ball`` are of the clipped state but for the linear ones.
+    outside ``ball`` are of the clipped state but for the linear ones. The covariance of the coefficients is
+    the sum of outer products of the ``deviations``; without one it is not known.
     """
 
     center: Float[Tensor, " n"]  # [px]
@@ -34,6 +36,7 @@ class BodyMotion:
     latent_degree: int
     ball: Ball
     coefficients: Float[Tensor, "k p"]
+    deviations: tuple[Float[Tensor, "k p"], ...] = ()
 
     @property
     def d(self) -> int:
@@ -136,6 +139,15 @@ class BodyMotion:
             return pose.unflatten(1, (n, -1))
         turn = torch.linalg.matrix_exp(_make_skew(pose[:, n:])) - torch.eye(n, dtype=pose.dtype)
         return torch.cat([turn, pose[:, :n, None]], 2)
+
+
+def list_deviated(bodies: Sequence[BodyMotion]) -> list[tuple[BodyMotion, ...]]:
+    """The same bodies, with each deviation of one of them added to its coefficients."""
+    return [
+        (*bodies[:i], replace(body, coefficients=body.coefficients + each), *bodies[i + 1 :])
+        for i, body in enumerate(bodies)
+        for each in body.deviations
+    ]
 
 
 def make_body_at_rest(points: Points, ball: Ball, *, bending: int) -> BodyMotion:

@@ -66,6 +66,10 @@ class MaterialPoints:
         slopes = [torch.einsum("nmd,pm->pnd", body.differentiate(q[None])[0], basis) for body, basis in pairs]
         return torch.stack(slopes).sum(0)
 
+    def moved_by(self, bodies: tuple[BodyMotion, ...]) -> "MaterialPoints":
+        """The same points of bodies that move otherwise."""
+        return replace(self, bodies=bodies)
+
     def passing(self, places: Float[Tensor, "N n"], q: Latent) -> "MaterialPoints":
         """The points of the same bodies that are at ``places`` [px] in the state ``q``, if these are near."""
         return replace(self, at=self.at + places - self.carry(q[None])[0])
@@ -202,6 +206,8 @@ def save_matter(
     tensors = {"points": field.points, "body": field.body}
     for i, each in enumerate(field.bodies):
         tensors |= {f"{i}.{name}": getattr(each, name) for name in ("center", "ball", "coefficients")}
+        if each.deviations:
+            tensors[f"{i}.deviations"] = torch.stack(each.deviations)
     header = {**header, "kind": KIND, "schema": SCHEMA, "bodies": settings}
     if report is not None:
         header["report"] = asdict(report)
@@ -217,6 +223,7 @@ def load_matter(path: Path | str) -> tuple[MatterField, dict[str, Any]]:
             center=tensors[f"{i}.center"],
             ball=tensors[f"{i}.ball"],
             coefficients=tensors[f"{i}.coefficients"],
+            deviations=tuple(tensors.get(f"{i}.deviations", ())),  # which older files lack
             **settings,
         )
         for i, settings in enumerate(header["bodies"])

@@ -40,6 +40,7 @@ COARSEST = 0.1  # blur of the first level, as a share of the size of what moves;
 SHARPEST_PX = 0.25
 STARTS, RIDGE = 6, 1e-3  # rounds of reweighting of the linear start, and its ridge, relative
 AVERAGES = 2  # rounds in which the picture becomes the average over the registered frames
+PARTS = 3  # of a film, to which a motion is fitted again
 WITHHELD = 5  # one frame in so many
 FEWEST = 12  # pixels of a body
 MOST_POINTS = 2000  # of a body that are registered
@@ -136,10 +137,7 @@ class FilmRegistration:
 
     def choose_points(self, region: Bool[np.ndarray, "H W"]) -> Points:
         """Pixels of a region, `MOST_POINTS` of them at most."""
-        at = np.flatnonzero(region.ravel())
-        if len(at) > MOST_POINTS:
-            at = at[np.linspace(0, len(at) - 1, MOST_POINTS).astype(int)]
-        return self.points[torch.from_numpy(at)]
+        return thin_points(self.points[torch.from_numpy(np.flatnonzero(region.ravel()))])
 
     def fit_motion(self, points: Points, bending: int) -> FittedBody:
         """Fit a motion leg by leg, and then to the pictures that the registered frames show on average.
@@ -159,6 +157,21 @@ class FilmRegistration:
         for _ in range(AVERAGES):
             motion, scale = self._register(motion, self._average(motion, points, scale), LAST, self.kept)
         return FittedBody(motion, scale)
+
+    def measure_deviations(self, body: FittedBody, points: Points) -> FittedBody:
+        """Fit a motion again to parts of the film, which tell how well it is known.
+
+        Parts are contiguous, so that errors which last for some frames do not average out within one. What
+        all frames have in common, such as an error of the states, shows in no part.
+
+        Source: the batch-means estimate of a variance, with `PARTS` batches.
+        """
+        patch = self._average(body.motion, points, body.scale)
+        batches = [part for part in np.array_split(self.kept, PARTS) if len(part)]
+        parts = [self._register(body.motion, patch, LAST, part)[0].coefficients for part in batches]
+        mean, share = torch.stack(parts).mean(0), (len(parts) * (len(parts) - 1)) ** 0.5
+        deviations = tuple((part - mean) / share for part in parts)
+        return replace(body, motion=replace(body.motion, deviations=deviations))
 
     def weigh(self, points: Points, *, scale: float) -> Float64[np.ndarray, " P"]:
         """Weights of points, of sum one: the losses that they would have if they stayed where they are."""
@@ -230,6 +243,13 @@ class FilmRegistration:
         for number, buffer in enumerate(self.buffers[: len(maps) - 1], start=1):
             seen.inside[:, number] &= buffer.shows(points)
         return seen
+
+
+def thin_points(points: Points) -> Points:
+    """`MOST_POINTS` of some points, evenly by number, or all."""
+    if len(points) <= MOST_POINTS:
+        return points
+    return points[torch.linspace(0, len(points) - 1, MOST_POINTS).long()]
 
 
 def list_pixels(height: int, width: int) -> Points:

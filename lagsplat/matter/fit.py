@@ -18,7 +18,7 @@ from lagsplat.matter.blurred_film import CameraFilm
 from lagsplat.matter.body_motion import BodyMotion, Points
 from lagsplat.matter.config import MatterConfig
 from lagsplat.matter.field import LEAST_EXPLAINED, BodyReport, MatterField, MatterReport
-from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody, list_pixels
+from lagsplat.matter.film_registration import FEWEST, FilmRegistration, FittedBody, list_pixels, thin_points
 from lagsplat.matter.rest_picture import find_nearest_frames
 from lagsplat.matter.scene import MatterScene
 
@@ -58,6 +58,9 @@ def fit_matter(
     film = FilmRegistration(films, points, q[chosen], of_near, degree)
     bodies = choose_bodies(film, config)
     owned = list_points(film, bodies)
+    bodies = [
+        film.measure_deviations(each, thin_points(own)) for each, own in zip(bodies, owned, strict=True)
+    ]
     matter = MatterField(
         tuple(each.motion for each in bodies),
         torch.cat(owned),

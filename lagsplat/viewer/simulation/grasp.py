@@ -13,6 +13,7 @@ from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.grasp import SPACING_PX, GraspPoint, Place, Point, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.matter.body_motion import list_deviated
 
 State = tuple[Vector, Vector]  # q and its velocity [1/s]
 
@@ -93,8 +94,8 @@ class Grasp:
     ``force`` [energy of the law per px] points right, down and, in space, away from the recording camera.
     ``gain`` [energy per px^2] is the force of a short drag per pixel. ``answer`` is the motion of the state
     under a unit of force, to first order, as a share of the longest that a drag may cause. ``mobility`` is
-    that of the matter [px per unit of force], and ``spread`` how much it differs in laws that the recording
-    allows as well; without a row, this is not known.
+    that of the matter [px per unit of force]; the covariance of the way under a force is the sum of outer
+    products of that of each ``spread``. Without one it is not known.
     """
 
     grasp_point: GraspPoint
@@ -118,7 +119,7 @@ class Grasp:
     def covariance(self) -> Float64[np.ndarray, "n n"]:
         """Of the way on which the force takes the matter in the end, to first order [px^2]."""
         ways = self.spread @ self.force
-        return ways.T @ ways / max(1, len(ways))
+        return ways.T @ ways
 
     @property
     def is_undetermined(self) -> bool:
@@ -140,8 +141,11 @@ class GraspModel:
     Matter with the Jacobian ``J`` has the mobility ``|J C J^T|_F`` [px^2 per energy], where ``C`` is the
     ``compliance`` of the state at rest: its way under a unit of force, where it has one direction to go. The
     usual mobility is the median of points that move much (`OBJECT`) at rest; ``usual_gain`` [energy per px^2]
-    is the gain at it. ``spread`` (k, d, d) is how much the compliance differs in drawn laws, each in the unit
-    of energy in which its usual mobility is this one: a film does not tell the unit.
+    is the gain at it.
+
+    A film does not tell the unit of energy. In the one in which the usual mobility is what it is, the
+    covariance of the compliance is the sum over drawn laws of outer products of ``spread`` (k, d, d), and
+    ``excess`` is how much longer matter goes, as a share, under each deviation of the motion of each body.
     """
 
     def __init__(
@@ -165,13 +169,17 @@ class GraspModel:
         usual, middle = float(sizes.median()), int(sizes.median(0).indices)
         self.compliance, self.usual_gain = compliance.numpy(), FOLLOW / usual
         self.least_mobility = LEAST_FOLLOW * usual
+        row = jacobian.new_tensor(np.flatnonzero((motion >= OBJECT * motion.max()).numpy())[middle]).long()
+        typical, one = operating_point.matter.every[row[None]], mobility[middle]
+        moved = [typical.moved_by(bodies).jacobian(rest)[0] for bodies in list_deviated(typical.bodies)]
+        self.excess = np.array([float(((J @ compliance @ J.mT - one) * one).sum()) / usual**2 for J in moved])
         changes = None if draws is None else measure_stiffness_spread(operating_point, draws[:MOST_LAWS])
         self.spread = np.zeros((0, *compliance.shape))
         if changes is not None:
             spread = -compliance @ torch.from_numpy(changes) @ compliance
             across = chosen[middle] @ spread @ chosen[middle].mT
-            excess = (across * mobility[middle]).sum((1, 2)) / usual**2
-            self.spread = (spread - excess[:, None, None] * compliance).numpy()
+            excess = (across * one).sum((1, 2)) / usual**2
+            self.spread = (spread - excess[:, None, None] * compliance).numpy() / np.sqrt(len(spread))
 
     def grasp(self, q: Vector, at: Point | Place) -> Grasp:
         """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet."""
@@ -180,6 +188,12 @@ class GraspModel:
         held = grasp_brush(point.matter, state, at, radius=self.radius_px, size=size)
         jacobian = held.jacobian(state).numpy()
         answer = self.compliance @ jacobian.T
-        mobility, spread = jacobian @ answer, jacobian @ self.spread @ jacobian.T
+        mobility = jacobian @ answer
+        moved = [held.points.moved_by(bodies) for bodies in list_deviated(held.points.bodies)]
+        slopes = np.array([points.jacobian(state)[0].numpy() for points in moved]).reshape(
+            -1, *jacobian.shape
+        )
+        of_motion = slopes @ self.compliance @ slopes.mT - (1.0 + self.excess)[:, None, None] * mobility
+        spread = np.concatenate([jacobian @ self.spread @ jacobian.T, of_motion])
         gain = FOLLOW / max(float(np.linalg.norm(mobility)), self.least_mobility)
         return Grasp(held, gain, answer / self.farthest, mobility, spread, np.zeros(point.matter.space))

@@ -111,6 +111,7 @@ def pack_page(session: Session) -> dict[str, Any]:
             "leastMobility": grasp_model.least_mobility,
             "farthest": grasp_model.farthest,
             "spread": grasp_model.spread,
+            "excess": grasp_model.excess,
             "nineInTen": NINE_IN_TEN,
             "leastMotion": LEAST_MOTION_PX,
         },
@@ -217,6 +218,7 @@ def _pack_body(body: BodyMotion) -> dict[str, Any]:
         "size": body.size,
         "state": _pack_monomials(state, body.ball) | {"freeDegree": 1},
         "coefficients": body.coefficients,
+        "deviations": body.deviations,
         "place": _pack_monomials(place, make_wide_ball(body.space)) if body.bending else None,
     }
 

@@ -114,3 +114,12 @@ def draw_springs(held: OperatingPoint, *, deviation: float) -> np.ndarray:
     draws = np.tile(parameters.read().numpy(), (40, 1))
     draws[:, int(parameters.find_columns(POTENTIAL)[square])] *= 1.0 + deviation * np.tile([-1.0, 1.0], 20)
     return draws
+
+
+def deviate_stretch(held: OperatingPoint, *, share: float) -> OperatingPoint:
+    """The same run, whose motion along the last coordinate is known up to a share."""
+    (body,) = held.matter.bodies
+    deviation = torch.zeros_like(body.coefficients)
+    deviation[body.d - 1] = share * body.coefficients[body.d - 1]
+    bodies = (replace(body, deviations=(deviation,)),)
+    return replace(held, matter=replace(held.matter, bodies=bodies))

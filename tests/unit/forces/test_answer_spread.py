@@ -9,7 +9,7 @@ from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
-from tests.unit.forces.rocking import draw_springs, hold_polynomial_strip
+from tests.unit.forces.rocking import deviate_stretch, draw_springs, hold_polynomial_strip
 
 
 def push(held: OperatingPoint, force: tuple[float, float]) -> PointLoad:
@@ -41,6 +41,19 @@ def test_a_spring_that_is_not_known_spreads_its_own_answers() -> None:
     assert of_sideways is not None
     way = down.points.carry_each(held.equilibria(down)) - down.points.carry(held.rest[None])[0]
     assert np.sqrt(of_down[0, 1, 1]) == pytest.approx(0.1 * abs(float(way[0, 1])), rel=0.3)
+    assert of_sideways[0, 0, 0] < 0.05 * of_down[0, 1, 1]
+
+
+def test_a_motion_that_is_not_known_spreads_its_own_answers() -> None:
+    held = deviate_stretch(hold_polynomial_strip(), share=0.1)
+    same = np.tile(ParameterVector(held.law).read().numpy(), (20, 1))
+    sideways, down = push(held, (0.05, 0.0)), push(held, (0.0, 0.05))
+    of_down = measure_answer_spread(held, same, down, down.points, reference=sideways)
+    of_sideways = measure_answer_spread(held, same, sideways, sideways.points, reference=sideways)
+    assert of_down is not None
+    assert of_sideways is not None
+    way = down.points.carry_each(held.equilibria(down)) - down.points.carry(held.rest[None])[0]
+    assert np.sqrt(of_down[0, 1, 1]) == pytest.approx(0.2 * abs(float(way[0, 1])), rel=0.3)  # J C J^T: twice
     assert of_sideways[0, 0, 0] < 0.05 * of_down[0, 1, 1]
 
 

@@ -54,6 +54,14 @@ def test_a_rigid_body_is_found_with_its_arcs() -> None:
     true = np.array([4.0, 0.0]) + 0.2 * np.stack([-away[:, 1], away[:, 0]], 1)
     assert np.linalg.norm(still - true) < 0.03 * np.linalg.norm(true)
     assert not report.warnings
+    (motion,) = matter.bodies
+    deviations = torch.stack(motion.deviations)
+    assert len(deviations) == 3
+    assert (
+        0.0
+        < float(deviations.square().sum(0).sqrt()[0].max())
+        < 0.02 * float(motion.coefficients[0].abs().max())
+    )
 
 
 def test_a_body_that_bends_is_no_rigid_one() -> None:
@@ -99,6 +107,8 @@ def test_a_field_comes_back_from_its_file(tmp_path: Path) -> None:
     again, header = load_matter(tmp_path / "matter.safetensors")
     states = torch.from_numpy(q)
     assert torch.equal(again.carry(states), matter.carry(states))
+    for one, other in zip(again.bodies[0].deviations, matter.bodies[0].deviations, strict=True):
+        assert torch.equal(one, other)
     assert header["report"]["bodies"][0]["pixels"] == len(matter.points)
     assert header["made"] == "here"
 

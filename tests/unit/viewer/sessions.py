@@ -11,7 +11,14 @@ from lagsplat.matter.field import MatterField
 from lagsplat.monomials import make_wide_ball
 from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.session import Session
-from tests.unit.forces.rocking import CONTACT, draw_springs, hanging, hold_polynomial_strip, rocking
+from tests.unit.forces.rocking import (
+    CONTACT,
+    deviate_stretch,
+    draw_springs,
+    hanging,
+    hold_polynomial_strip,
+    rocking,
+)
 from tests.unit.forces.solid import turning
 
 
@@ -35,8 +42,8 @@ def strip() -> Session:
 
 
 def uncertain(deviation: float) -> Session:
-    """The strip under a law of polynomials, of which the spring that stretches is known up to a share."""
-    point = hold_polynomial_strip()
+    """The strip, whose spring that stretches is known up to a share, and its motion to a tenth of that."""
+    point = deviate_stretch(hold_polynomial_strip(), share=0.1 * deviation)
     one = session(point)
     draws = draw_springs(point, deviation=deviation)
     return Session(point, one.recorded, one.config, one.forces, draws)

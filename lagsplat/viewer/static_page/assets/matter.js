@@ -47,10 +47,20 @@ function differentiateTurn(w) {
 
 /** How the points of one body move: from `x` to `x + size A(q) b(x)`. */
 class BodyMotion {
-  constructor({ center, size, state, coefficients, place }) {
-    Object.assign(this, { center, size, coefficients, space: center.length });
+  constructor({ center, size, state, coefficients, deviations, place }) {
+    Object.assign(this, { center, size, coefficients, deviations, space: center.length });
     this.state = new Monomials(state);
     this.place = place && new Monomials(place);
+  }
+  /** The same bodies, with each deviation of one of them added to its coefficients. */
+  static listDeviated(bodies) {
+    return bodies.flatMap((body, i) =>
+      body.deviations.map((deviation) => {
+        const coefficients = body.coefficients.map((row, k) => plus(row, deviation[k]));
+        const other = Object.assign(Object.create(BodyMotion.prototype), body, { coefficients });
+        return bodies.map((each, j) => (i === j ? other : each));
+      })
+    );
   }
   /** What `A` multiplies at a point. */
   basis(point) {
@@ -121,14 +131,15 @@ class Matter {
     const total = weights.reduce((x, y) => x + y, 0);
     const start = this.bases[nearest].map(() => 0);
     const basis = own.reduce((sum, k, i) => plus(sum, this.bases[k], weights[i] / total), start);
-    return new Grip(this.bodies[this.body[nearest]], basis, q, at, isBackground);
+    return new Grip(this.bodies, this.body[nearest], basis, q, at, isBackground);
   }
 }
 
 /** Matter that is held at a point, where the basis of its body is `basis`, and the force on it. */
 class Grip {
-  constructor(body, basis, q, at, isBackground) {
-    Object.assign(this, { body, basis, at: at.slice(), isBackground, force: at.map(() => 0) });
+  constructor(bodies, number, basis, q, at, isBackground) {
+    const others = BodyMotion.listDeviated(bodies).map((each) => each[number]);
+    Object.assign(this, { body: bodies[number], others, basis, at: at.slice(), isBackground, force: at.map(() => 0) });
     this.start = plus(at, this.way(q), -1); // where it is at the reference state
   }
   way(q) {
@@ -138,24 +149,28 @@ class Grip {
     return plus(this.start, this.way(q));
   }
   /** Motion by each coordinate of the state. */
-  slopes(q) {
-    return this.body.differentiate(q).map((slope) => apply(slope, this.basis));
+  slopes(q, body = this.body) {
+    return body.differentiate(q).map((slope) => apply(slope, this.basis));
   }
   /** Measure how it answers to a force at a state, as `GraspModel` in lagsplat/viewer/simulation/grasp.py. */
-  measure(q, { follow, compliance, leastMobility, farthest, spread, nineInTen, leastMotion }) {
+  measure(q, { follow, compliance, leastMobility, farthest, spread, excess, nineInTen, leastMotion }) {
     const slopes = this.slopes(q);
-    const answer = matrixProduct(compliance, slopes);
-    const across = this.at.map((_, i) => slopes.map((slope) => slope[i]));
-    this.mobility = matrixProduct(across, answer);
+    const across = (rows) => this.at.map((_, i) => rows.map((slope) => slope[i]));
+    const mobilityOf = (change, rows) => matrixProduct(across(rows), matrixProduct(change, rows));
+    this.mobility = mobilityOf(compliance, slopes);
     this.gain = follow / Math.max(Math.hypot(...this.mobility.flat()), leastMobility);
-    this.answer = answer.map((row) => row.map((x) => x / farthest));
-    this.spread = spread.map((change) => matrixProduct(across, matrixProduct(change, slopes)));
+    this.answer = matrixProduct(compliance, slopes).map((row) => row.map((x) => x / farthest));
+    const ofMotion = this.others.map((body, k) => {
+      const moved = mobilityOf(compliance, this.slopes(q, body));
+      return moved.map((row, i) => plus(row, this.mobility[i], -1 - excess[k]));
+    });
+    this.spread = spread.map((change) => mobilityOf(change, slopes)).concat(ofMotion);
     Object.assign(this, { nineInTen, leastMotion });
   }
   /** Covariance of the way on which the force takes the matter, over laws that the recording allows as well. */
   covariance() {
     const ways = this.spread.map((each) => apply(each, this.force));
-    return inSquare(this.at.length, (i, j) => ways.reduce((sum, way) => sum + way[i] * way[j], 0) / Math.max(1, ways.length));
+    return inSquare(this.at.length, (i, j) => ways.reduce((sum, way) => sum + way[i] * way[j], 0));
   }
   /** Whether the recording does not determine where the force takes the matter. */
   isUndetermined() {
