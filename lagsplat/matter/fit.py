@@ -97,10 +97,9 @@ def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBo
 
 
 def choose_parts(film: FilmRegistration, regions: Sequence[Region], bending: int) -> list[FittedBody]:
-    """A body of each region, fitted again to the pixels that it explains best; poor ones are left out."""
-    parts = [choose_body(film, region, bending) for region in regions]
-    labels = label_pixels(film, parts)
-    owned = [film.moving & (labels == number) for number in range(len(parts))]
+    """A body of the pixels that a rigid motion of each region explains best; poor ones are left out."""
+    labels = label_pixels(film, [film.fit_motion(film.choose_points(region), 0) for region in regions])
+    owned = [film.moving & (labels == number) for number in range(len(regions))]
     parts = [choose_body(film, region, bending) for region in owned if region.sum() >= FEWEST]
     while len(parts) > 1 and (poor := find_poor_bodies(film, parts)):
         parts = [part for number, part in enumerate(parts) if number not in poor]
