@@ -159,13 +159,15 @@ class FilmRegistration:
         return FittedBody(motion, scale)
 
     def measure_deviations(self, body: FittedBody, points: Points) -> FittedBody:
-        """Fit a motion again to parts of the film, which tell how well it is known.
+        """Fit a motion again to parts of the film, which tell how well it is known; with few points, none does.
 
         Parts are contiguous, so that errors which last for some frames do not average out within one. What
         all frames have in common, such as an error of the states, shows in no part.
 
         Source: the batch-means estimate of a variance, with `PARTS` batches.
         """
+        if len(points) < FEWEST:
+            return body
         patch = self._average(body.motion, points, body.scale)
         batches = [part for part in np.array_split(self.kept, PARTS) if len(part)]
         parts = [self._register(body.motion, patch, LAST, part)[0].coefficients for part in batches]
