@@ -159,7 +159,7 @@ class FilmRegistration:
         return FittedBody(motion, scale)
 
     def measure_deviations(self, body: FittedBody, points: Points) -> FittedBody:
-        """Fit a motion again to parts of the film, which tell how well it is known; with few points, none does.
+        """Fit a motion again to parts of the film, which tell how well it is known; of few points, none does.
 
         Parts are contiguous, so that errors which last for some frames do not average out within one. What
         all frames have in common, such as an error of the states, shows in no part.

@@ -44,7 +44,8 @@ def fit_matter(
         scene: what else is known of space, whose matter is then found; None finds that of the image plane.
 
     Raises:
-        ValueError: nothing moves near the mean state, the film is too short, or the scene is of another one.
+        ValueError: nothing moves near the mean state, no body keeps its colours, the film is too short, or
+            the scene is of another one.
     """
     started_s, rng = time.perf_counter(), np.random.default_rng(seed)
     near = find_nearest_frames(q)
@@ -84,6 +85,9 @@ def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBo
     as little as it can. Simpler is what has fewer parameters of a pose; as well is within one standard error
     of the mean over frames.
 
+    Raises:
+        ValueError: hardly a pixel belongs to any.
+
     Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, section 7.10.
     """
     tried = [[each] for each in fit_degrees(film, film.moving, config.bending)[0]]
@@ -93,7 +97,16 @@ def choose_bodies(film: FilmRegistration, config: MatterConfig) -> list[FittedBo
         tried += [parts] if len(parts) > 1 else []
     tried.sort(key=lambda bodies: sum(each.motion.n_pose for each in bodies))
     scale = min(each.scale for bodies in tried for each in bodies)
-    return tried[find_simplest([measure_least_losses(film, bodies, scale=scale) for bodies in tried])]
+    losses = [measure_least_losses(film, bodies, scale=scale) for bodies in tried]
+    while tried:
+        chosen = find_simplest(losses)
+        if all(len(points) >= FEWEST for points in list_points(film, tried[chosen])):
+            return tried[chosen]
+        del tried[chosen], losses[chosen]  # as good as others because hardly a pixel belongs to it
+    raise ValueError(
+        f"{int(film.moving.sum())} pixels change, and no body was found along whose motion they keep their "
+        "colours: the latents may be no coordinates of a mechanism. Look at reconstruction.png and latent.png"
+    )
 
 
 def choose_parts(film: FilmRegistration, regions: Sequence[Region], bending: int) -> list[FittedBody]:

@@ -98,6 +98,14 @@ def test_a_still_film_and_a_short_one_are_refused() -> None:
         fit_matter(still[:6], q[:6], CONFIG)
 
 
+def test_states_that_tell_nothing_of_the_film_are_refused() -> None:
+    q = whitened(1)
+    body = make_rigid_body(swing, (24.0, 22.0), (9.0, 7.0), 1)
+    frames = film([body], q, height=HEIGHT, width=WIDTH)
+    with pytest.raises(ValueError, match="no body was found along whose motion"):
+        fit_matter(frames, np.random.default_rng(0).permutation(q), CONFIG)
+
+
 def test_a_field_comes_back_from_its_file(tmp_path: Path) -> None:
     q = whitened(1)
     body = make_rigid_body(swing, (24.0, 22.0), (9.0, 7.0), 1)
