@@ -142,7 +142,7 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 
 def _describe_answer(panel: ForcePanel) -> str:
     distance = f"{panel.moved_px:.1f} px"
-    if panel.spread is not None:
+    if panel.spread is not None and panel.moved_px > 0.0:
         distance += rf" $\pm$ {find_half_width(panel.spread):.1g}"
         distance += ", undetermined" if is_undetermined(panel.spread, panel.moved_px) else ""
     if len(panel.shift) == 1:
