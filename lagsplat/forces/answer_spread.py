@@ -18,6 +18,7 @@ from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import STEP
 
 NUDGE = 1e-3  # relative change of a force from which the slope of its answer is taken
+NO_EQUILIBRIUM = (ValueError, RuntimeError)  # of a law or a motion, which then tells nothing
 FEWEST = 10  # laws of which a spread is told
 NINE_IN_TEN = float(chi2(2).ppf(0.9))  # square of the half axes, in deviations, of an ellipse of such places
 LEAST_MOTION_PX = 1.0  # a smaller answer may spread by more than itself
@@ -68,9 +69,12 @@ def measure_answer_spread(
     over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))
     if over_laws is None:
         return None
-    over_motions = [measure(bodies) for bodies in list_deviated(held.matter.bodies)]
-    changes = torch.cat([over_laws / len(over_laws) ** 0.5, *(each[None] for each in over_motions)])
-    return torch.einsum("mbi,mbj->bij", changes, changes).numpy()
+    changes = list(over_laws / len(over_laws) ** 0.5)
+    for bodies in list_deviated(held.matter.bodies):
+        with suppress(*NO_EQUILIBRIUM):
+            changes.append(measure(bodies))
+    spread = torch.stack(changes)
+    return torch.einsum("mbi,mbj->bij", spread, spread).numpy()
 
 
 def measure_stiffness_spread(
@@ -101,7 +105,7 @@ def _measure_over_laws(
     try:
         for each in draws:
             parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
-            with suppress(ValueError, RuntimeError):  # a law without an equilibrium tells nothing
+            with suppress(*NO_EQUILIBRIUM):
                 changes.append(measure() / STEP)
     finally:
         parameters.write(theta)

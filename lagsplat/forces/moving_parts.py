@@ -76,6 +76,8 @@ def has_levers(scene: MovingParts) -> bool:
     Both must move by `LEAST_LEVER` of the typical motion. A bob on a thread hardly turns, and goes to the
     side wherever it is pushed.
     """
+    if not scene.object.any():
+        return False
     typical = np.median(scene.motion[scene.object])
     return all(reach > LEAST_LEVER * typical for reach in _measure_reach(scene, scene.object).values())
 

@@ -28,7 +28,7 @@ DIVERGED = (
     "or undo the edits of damping, inertia and stiffness."
 )
 BEYOND = "Beyond the recording: the camera never saw such a state, and image and forces are a guess."
-UNDETERMINED = "Not determined by this recording: how far this push goes differs by more than its way."
+UNDETERMINED = "Not determined by this recording: laws that fit it as well take this point elsewhere."
 
 
 @dataclass(frozen=True)

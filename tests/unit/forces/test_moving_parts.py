@@ -40,6 +40,7 @@ def test_what_turns_has_levers_and_a_bob_on_a_thread_has_none():
     moved = scene.jacobian.copy()
     moved[scene.object, 0, 0] += 10.0  # the same turn, and a long way to the side
     assert not has_levers(MovingParts(moved, scene.object))
+    assert not has_levers(MovingParts(moved, np.zeros_like(scene.object)))
 
 
 def test_moving_points_move_more_and_more():

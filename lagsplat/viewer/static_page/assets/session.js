@@ -102,7 +102,7 @@ class PageSession {
     if (uncovered(this.q, this.run.coverage) > 1)
       return "Beyond the recording: the camera never saw such a state, and what you see is a guess.";
     if (this.grip?.isUndetermined())
-      return "Not determined by this recording: how far this push goes differs by more than its way.";
+      return "Not determined by this recording: laws that fit it as well take this point elsewhere.";
     return "";
   }
 }
