@@ -260,10 +260,17 @@ def test_a_figure_in_space_of_a_system_left_out_says_so(tmp_path: Path) -> None:
     assert "add its system to systems=[...]" in done.stdout + done.stderr
 
 
-def test_a_system_in_space_is_pushed_there_and_not_in_the_picture(tmp_path: Path) -> None:
-    config = "hydra=systems=[rainbow_rocker,rainbow_rocker_3d]"
-    targets = ("results/tables/force_truth.tex", "results/tables/force_invariants.tex")
-    told = planned(tmp_path, *targets, "--config", config)
+def test_a_system_in_space_is_compared_with_the_truth_for_every_seed(tmp_path: Path) -> None:
+    config = ("--config", "hydra=systems=[rainbow_rocker,rainbow_rocker_3d] seeds=[0,1]")
+    told = planned(tmp_path, "results/tables/force_truth.tex", *config)
+    assert "rainbow_rocker/default-1/default-1/forces.json" in told
+    assert "rainbow_rocker_3d/default-0/default-0/forces.json" in told
+    assert "rainbow_rocker_3d/default-1/default-1/forces.json" in told
+
+
+def test_invariants_in_space_are_those_of_its_figure(tmp_path: Path) -> None:
+    config = ("--config", "hydra=systems=[rainbow_rocker,rainbow_rocker_3d]")
+    told = planned(tmp_path, "results/tables/force_invariants.tex", *config)
     assert "rainbow_rocker_3d/default-0/default-0/dynamics.json" in told
     assert "rainbow_rocker/default-0/default-0/forces.json" in told
     assert "rainbow_rocker_3d/default-0/default-0/forces.json" not in told
