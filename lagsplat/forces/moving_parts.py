@@ -18,8 +18,8 @@ STILL = 0.02  # share of the 98th percentile of all motions below which matter h
 LARGEST = 0.98  # quantile of the motions that is taken as the largest
 RIM_PX = 2  # width of the rim
 COVERED = 0.8  # distance of a pixel from the material point that it shows [px]: these are a pixel apart
-MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
 LEAST_LEVER = 0.25  # of the typical motion, from which a push at a lever turns the object; set by hand
+MIDDLE = 0.4  # position of the middle along the visible moving length, which begins below the clamp
 TIP = 0.85  # position of the tip along the same length
 
 

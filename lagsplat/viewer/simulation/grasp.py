@@ -163,23 +163,23 @@ class GraspModel:
         compliance = (vectors / values) @ vectors.T
         jacobian = operating_point.matter.jacobian(rest)
         motion = jacobian.flatten(1).norm(dim=1)
-        chosen = jacobian[motion >= OBJECT * motion.max()]
-        mobility = chosen @ compliance @ chosen.mT
-        sizes = torch.linalg.matrix_norm(mobility)
-        usual, middle = float(sizes.median()), int(sizes.median(0).indices)
+        rows = (motion >= OBJECT * motion.max()).nonzero()[:, 0]
+        mobilities = jacobian[rows] @ compliance @ jacobian[rows].mT
+        sizes = torch.linalg.matrix_norm(mobilities)
+        usual, middle = float(sizes.median()), sizes.median(0).indices
         self.compliance, self.usual_gain = compliance.numpy(), FOLLOW / usual
         self.least_mobility = LEAST_FOLLOW * usual
-        row = jacobian.new_tensor(np.flatnonzero((motion >= OBJECT * motion.max()).numpy())[middle]).long()
-        typical, one = operating_point.matter.every[row[None]], mobility[middle]
+        typical, mobility = operating_point.matter.every[rows[middle, None]], mobilities[middle]
         moved = [typical.moved_by(bodies).jacobian(rest)[0] for bodies in list_deviated(typical.bodies)]
-        self.excess = np.array([float(((J @ compliance @ J.mT - one) * one).sum()) / usual**2 for J in moved])
+        excess = [float(((J @ compliance @ J.mT - mobility) * mobility).sum()) / usual**2 for J in moved]
+        self.excess = np.array(excess)
         changes = None if draws is None else measure_stiffness_spread(operating_point, draws[:MOST_LAWS])
         self.spread = np.zeros((0, *compliance.shape))
         if changes is not None:
             spread = -compliance @ torch.from_numpy(changes) @ compliance
-            across = chosen[middle] @ spread @ chosen[middle].mT
-            excess = (across * one).sum((1, 2)) / usual**2
-            self.spread = (spread - excess[:, None, None] * compliance).numpy() / np.sqrt(len(spread))
+            slope = jacobian[rows[middle]]
+            share = (slope @ spread @ slope.mT * mobility).sum((1, 2)) / usual**2
+            self.spread = (spread - share[:, None, None] * compliance).numpy() / np.sqrt(len(spread))
 
     def grasp(self, q: Vector, at: Point | Place) -> Grasp:
         """Grasp the matter around ``at`` [px] at the state ``q``, without pulling yet."""
