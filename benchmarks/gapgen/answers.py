@@ -1,11 +1,13 @@
 """The truth about a recording in the words and units of the diagnosis."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from benchmarks.gapgen.drawing import Recording, Stratum
 from benchmarks.gapgen.effect import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, Effect
+from benchmarks.gapgen.sources import source_of
 
 COMPONENTS = {
     "viscous_damping": "dissipative",
@@ -46,6 +48,9 @@ HOLDING = {
 }
 """Families that hold an effect as a limit: with them in the catalogue it is not left out."""
 
+LINEAR = ("linear_cart", "mujoco_cart")
+"""Systems whose nominal equations are linear."""
+
 
 def reported(name: str) -> str:
     """The name a diagnosis can give: ``unknown`` for what no catalogue holds."""
@@ -58,7 +63,7 @@ def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
     same = {reported(name)}
     i = effect.coordinate or 0
     w = 2.0 * np.pi * truth["natural_hz"][0]
-    linear = s.system == "linear_cart"
+    linear = s.system in LINEAR
     if name in ("coulomb_friction", "stribeck_friction"):
         same |= {"coulomb_friction", "stribeck_friction"}
     if name in ("input_delay", "time_offset"):
@@ -122,7 +127,7 @@ def identifiable(effect: Effect, s: Stratum, truth: dict[str, Any], ratio: float
         return False, "too short for a slow effect"
     if s.duration_s < 6.0 and ratio < 3.0:
         return False, "too short for so small a gap"
-    if effect.name == "camera_change" and not s.forced and s.system == "linear_cart":
+    if effect.name == "camera_change" and not s.forced and s.system in LINEAR:
         return False, "the scale of a linear free motion is arbitrary"
     return True, ""
 
@@ -159,6 +164,8 @@ def answer(identity: str, s: Stratum, recording: Recording, split: str) -> dict[
         "effects": [item["name"] for item in items] or ["none"],
         "truth": items,
         "system": s.system,
+        "source": source_of(s.system),
+        "conditions": None if s.conditions is None else asdict(s.conditions),
         "d": len(truth["rms"]),
         "forced": s.forced,
         "noise": s.noise,

@@ -8,11 +8,21 @@ from numpy.typing import NDArray
 
 from benchmarks.gapgen.effect import NEEDS_INPUT, Effect, Setting
 from benchmarks.gapgen.effects import maker
-from benchmarks.gapgen.files import Stratum, columns_of, noisy, reels, sim_files, sims
-from benchmarks.gapgen.inputs import KINDS
-from benchmarks.gapgen.mechanisms import Mechanism, draw_mechanism
+from benchmarks.gapgen.files import (
+    Stratum,
+    columns_of,
+    interval_of,
+    reels,
+    sim_files,
+    sims,
+    without_lost_rows,
+)
+from benchmarks.gapgen.inputs import KINDS, SINE
+from benchmarks.gapgen.mechanisms import Mechanism
 from benchmarks.gapgen.motion import BURN, Clip, Plan, World, gap, reseen, seen, unseen
 from benchmarks.gapgen.plans import forced_plan, free_plan, rescale_inputs, setting_of
+from benchmarks.gapgen.sensors import Sensor, measured
+from benchmarks.gapgen.sources import draw_any, world_of
 
 Array = NDArray[np.float64]
 BINS = {"low": (1.5, 3.0), "middle": (3.0, 10.0), "high": (10.0, 40.0)}
@@ -41,17 +51,21 @@ class _Bench:
     rms: Array
     floor: float
     horizon: int
+    burn: int = BURN
+    sensor: Sensor = field(default_factory=Sensor)
+    least: float = 1e-3
 
     def clean_gap(self, effects: list[Effect]) -> float:
         """Gap of the nominal mechanism on the noise-free real motion; infinite where that escapes."""
         try:
-            clips = World(self.base, effects).move(self.plan)
+            clips = world_of(self.base, effects).move(self.plan)
         except FloatingPointError:
             return float("inf")
         ys = seen(clips, effects, self.base.d, self.plan.dt_s)
         rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
-        found = self.nominal.forecast(bare(clips, self.base.d), ys, self.plan.dt_s, self.horizon, 14)
-        return gap(found, ys, np.maximum(rms, 0.2 * self.rms))
+        shown = bare(clips, self.base.d)
+        found = self.nominal.forecast(shown, ys, self.plan.dt_s, self.horizon, 14, self.burn)
+        return gap(found, ys, np.maximum(rms, 0.2 * self.rms), self.burn)
 
 
 def bare(clips: list[Clip], d: int) -> list[Clip]:
@@ -61,7 +75,7 @@ def bare(clips: list[Clip], d: int) -> list[Clip]:
 
 def _to_target(bench: _Bench, make: Any, target: float) -> tuple[Effect, float]:
     """The effect whose ratio is the target: gaps grow about in proportion, else bisection."""
-    low, high, a = 1e-3, 1.0, 0.1
+    low, high, a = bench.least, 1.0, 0.1
     wanted = np.sqrt(target**2 - 1.0) * bench.floor
     best, best_ratio = make(a), float("nan")
     for _ in range(9):
@@ -94,6 +108,24 @@ def _identification_error(
     return base, size
 
 
+def _tolerated(
+    m: Mechanism, bench: _Bench, rng: np.random.Generator, ratio: float
+) -> tuple[Mechanism, float]:
+    """The mechanism whose nominal parameters are off so far that the gap is ``ratio`` times the floor."""
+    seed, size = int(rng.integers(2**31)), 0.003
+    wanted = np.sqrt(ratio**2 - 1.0) * bench.floor
+    best = (m, 0.0)
+    for _ in range(5 * (wanted > 0.0)):
+        base = m.perturbed(np.random.default_rng(seed), size)
+        share = max(replace(bench, base=base).clean_gap([]) / wanted, 1e-9)
+        if share < 1.02 and size > best[1]:
+            best = (base, size)
+        if 0.9 < share < 1.02:
+            break
+        size = float(min(size * np.clip(0.96 / share, 0.02, 20.0), 0.05))
+    return best
+
+
 def _oracle(
     bench: _Bench,
     effects: list[Effect],
@@ -103,69 +135,95 @@ def _oracle(
     rng: np.random.Generator,
 ) -> dict[str, float]:
     """Gaps of the sim as delivered, with the effect added, and of the true mechanism here and on average."""
-    d, dt, n = bench.base.d, bench.plan.dt_s, bench.horizon
+    d, dt, n, burn = bench.base.d, bench.plan.dt_s, bench.horizon, bench.burn
     rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
-    out = {"before": gap(bench.nominal.forecast(bare(clips, d), ys, dt, n, 40), ys, rms)}
+    out = {"before": gap(bench.nominal.forecast(bare(clips, d), ys, dt, n, 40, burn), ys, rms, burn)}
     times = [c.t0 + np.arange(len(y)) * dt for c, y in zip(clips, ys, strict=True)]
 
     def by(world: World, samples: list[Array]) -> float:
         inner = [unseen(y, t, effects) for y, t in zip(samples, times, strict=True)]
-        found = world.forecast(clips, inner, dt, n, 40)
+        found = world.forecast(clips, inner, dt, n, 40, burn)
         shown = [
             (k, starts, reseen(p, np.stack([times[k][a : a + n] for a in starts]), effects))
             for k, starts, p in found
         ]
-        return gap(shown, samples, rms)
+        return gap(shown, samples, rms, burn)
 
-    truth = World(bench.base, effects)
+    truth = world_of(bench.base, effects)
     clean = [c.x[:, :d] for c in clips]
     clean = [reseen(q, t, effects) for q, t in zip(clean, times, strict=True)]
     out["after"] = by(truth, ys)
-    out["after_sim_plus_effect"] = by(World(bench.nominal.mechanism, effects), ys)
+    out["after_sim_plus_effect"] = by(world_of(bench.nominal.mechanism, effects), ys)
     n_blocks = sum(len(y) // n + 1 for y in ys)
-    draws = [by(truth, noisy(clean, sigma, rng)) for _ in range(int(np.clip(40 // n_blocks, 2, 10)))]
+    draws = [
+        by(truth, measured(clean, sigma, bench.sensor, rng))
+        for _ in range(int(np.clip(40 // n_blocks, 2, 10)))
+    ]
     out["floor"] = float(np.sqrt(np.mean(np.square(draws))))
     return out
 
 
+def _plan(m: Mechanism, s: Stratum, dt: float, f1: float, rng: np.random.Generator) -> tuple[Mechanism, Plan]:
+    """How the real recording is driven, and the mechanism in the units of its inputs."""
+    if not s.forced:
+        return m, free_plan(m, dt, s.duration_s, f1, rng)
+    if s.conditions is not None and s.conditions.sine:
+        kinds: tuple[str, ...] = (SINE,)
+    else:
+        kinds = tuple(rng.permutation(list(KINDS))) if s.duration_s > 6.0 else ("multisine", "triangle")
+    plan = forced_plan(m, dt, s.duration_s, f1, rng, kinds)
+    m, factor = rescale_inputs(m, plan, rng)
+    return m, replace(plan, inputs=[u * factor for u in plan.inputs])
+
+
+def _base(s: Stratum, bench: _Bench, rng: np.random.Generator) -> tuple[Mechanism, float]:
+    """The real mechanism without its effects, and how far its parameters are off the nominal ones."""
+    m = bench.nominal.mechanism
+    if s.conditions is not None:
+        return _tolerated(m, bench, rng, s.conditions.tolerance)
+    generous = rng.random() < 0.2 and s.label != ("none",)
+    return _identification_error(m, bench, rng, most=1.0 if generous else 0.5)
+
+
+def _burn(s: Stratum, f1: float, dt: float) -> int:
+    """Samples from which a forecast starts: ten, or as many as hold a velocity at a high rate."""
+    return BURN if s.conditions is None else max(BURN, round(0.15 / f1 / dt))
+
+
 def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) -> Recording:
     """A recording of the stratum and its truth; to be filmed at ``film_hz`` where that is given."""
-    m = draw_mechanism(s.system, rng)
+    m = draw_any(s.system, rng)
     f1 = float(m.frequencies_hz()[0])
-    dt = 1.0 / (60.0 if rng.random() < 0.8 else float(rng.choice([30.0, 50.0, 100.0, 120.0])))
-    dt = dt if film_hz is None else 1.0 / film_hz
-    if s.forced:
-        kinds = tuple(rng.permutation(list(KINDS))) if s.duration_s > 6.0 else ("multisine", "triangle")
-        plan = forced_plan(m, dt, s.duration_s, f1, rng, kinds)
-        m, factor = rescale_inputs(m, plan, rng)
-        plan = replace(plan, inputs=[u * factor for u in plan.inputs])
-    else:
-        plan = free_plan(m, dt, s.duration_s, f1, rng)
-    nominal = World(m)
+    dt = interval_of(m, s, [30.0, 50.0, 100.0, 120.0], film_hz, rng)
+    m, plan = _plan(m, s, dt, f1, rng)
+    nominal = world_of(m)
     clips = nominal.move(plan)
     span = plan.start_s[-1] + len(plan.inputs[-1]) * dt
     setting = setting_of(m, clips, plan, forced=s.forced, span=span)
     setting = replace(setting, film=film_hz is not None)
     ys = [c.x[:, : m.d] for c in clips]
-    shortest = max(len(y) for y in ys)
-    horizon = min(BURN + round(1.0 / f1 / dt), shortest)
-    found = nominal.forecast(clips, noisy(ys, s.noise * setting.x, rng), dt, horizon, 14)
-    floor = gap(found, noisy(ys, s.noise * setting.x, rng), setting.x)
-    bench = _Bench(nominal, m, plan, setting.x, floor, horizon)
-    generous = rng.random() < 0.2 and s.label != ("none",)
-    base, size = _identification_error(m, bench, rng, most=1.0 if generous else 0.5)
+    burn = _burn(s, f1, dt)
+    horizon = min(burn + round(1.0 / f1 / dt), max(len(y) for y in ys))
+    sigma = s.noise * setting.x
+    found = nominal.forecast(clips, measured(ys, sigma, s.sensor, rng), dt, horizon, 14, burn)
+    floor = gap(found, measured(ys, sigma, s.sensor, rng), setting.x, burn)
+    least = 1e-3 if s.conditions is None else 1e-5
+    bench = _Bench(nominal, m, plan, setting.x, floor, horizon, burn, s.sensor, least)
+    base, size = _base(s, bench, rng)
     bench = replace(bench, base=base)
     effects, targets, clips = _effects(s, bench, setting, rng)
     clean = seen(clips, effects, m.d, dt)
-    sigma = s.noise * np.sqrt((np.concatenate(clean) ** 2).mean(0))
-    samples = noisy(clean, sigma, rng)
+    rms = np.sqrt((np.concatenate(clean) ** 2).mean(0))
+    sigma = s.noise * rms
+    samples = measured(clean, sigma, s.sensor, rng)
     gaps = _oracle(bench, effects, clips, samples, sigma, rng)
     offset = None
     if s.system == "soft_robot" and s.forced:
         offset = np.full(m.n_u, 1.1 * max(np.abs(u).max() for u in plan.inputs))
     nominal_runs = sims(m, s, f1, film_hz, rng)
-    files, sim_noise = sim_files(m, s, nominal_runs, offset, rng)
-    files["real_0.csv"] = columns_of(clips, samples, dt, inputs=s.forced, offset=offset)
+    files, sim_noise = sim_files(m, s, nominal_runs, sigma, offset, rng)
+    real = columns_of(clips, samples, dt, inputs=s.forced, offset=offset)
+    files["real_0.csv"] = without_lost_rows(real, s.sensor, rng)
     truth = {
         "targets": targets,
         "base_error": size,
@@ -174,16 +232,32 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
         "horizon_s": (horizon - 1) * dt,
         "natural_hz": m.frequencies_hz().tolist(),
         "rate_hz": 1.0 / dt,
-        "rms": np.sqrt((np.concatenate(clean) ** 2).mean(0)).tolist(),
-        "v_rms": setting.v.tolist(),
-        "top": setting.top.tolist(),
-        "u_rms": setting.u.tolist() if s.forced else [],
-        "inertia_at_rest": np.diag(m.inertia_at_rest()).tolist(),
-        "span_s": span,
+        "rms": rms.tolist(),
+        **_scales(m, setting),
+        "found": effects,
     }
     blurred = any(e.camera and e.camera[0] == "blur" for e in effects)
     shown = [c.x[:, : m.d] for c in clips] if blurred else clean
-    return Recording(files, truth | {"found": effects}, reels(nominal_runs, clips, shown, s, offset), m)
+    return Recording(files, truth, reels(nominal_runs, clips, shown, s, offset), m)
+
+
+def _scales(m: Mechanism, setting: Setting) -> dict[str, Any]:
+    """What the truth tells of the nominal mechanism and its motion."""
+    return {
+        "v_rms": setting.v.tolist(),
+        "top": setting.top.tolist(),
+        "u_rms": setting.u.tolist() if setting.forced else [],
+        "inertia_at_rest": np.diag(m.inertia_at_rest()).tolist(),
+        "span_s": setting.span_s,
+    }
+
+
+def _target(s: Stratum, k: int, rng: np.random.Generator) -> float:
+    """The gap over the floor that the k-th effect is sized to."""
+    if s.conditions is not None:
+        return s.conditions.ratios[k]
+    low, high = BINS[s.bin]
+    return float(np.exp(rng.uniform(np.log(low * 1.05), np.log(high * 0.95))))
 
 
 def _effects(
@@ -193,13 +267,12 @@ def _effects(
     effects: list[Effect] = []
     ratios: list[float] = []
     m = bench.base
-    for name in s.label:
+    for k, name in enumerate(s.label):
         if name == "none":
             continue
         if name in NEEDS_INPUT and not s.forced:
             raise ValueError(f"{name} needs inputs; the stratum is free")
-        low, high = BINS[s.bin]
-        target = float(np.exp(rng.uniform(np.log(low * 1.05), np.log(high * 0.95))))
+        target = _target(s, k, rng)
         i, j = int(rng.integers(m.d)), int(rng.integers(m.n_u))
         make = maker(name, setting, i, j, rng)
         if setting.film and name in ("camera_change", "camera_drift"):
@@ -211,7 +284,7 @@ def _effects(
         ratios.append(ratio)
     for _ in range(6):
         try:
-            return effects, ratios, World(m, effects).move(bench.plan)
+            return effects, ratios, world_of(m, effects).move(bench.plan)
         except FloatingPointError:
             effects = effects[:-1] if len(effects) > 1 else []
             ratios = ratios[: len(effects)]

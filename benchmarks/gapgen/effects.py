@@ -37,7 +37,7 @@ def in_class(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
             return Effect(name, [(laws.VISCOUS, i, j, [rate, power, s.v[i]])], parameters={"rate": rate})
         if name == "linear_stiffness":
             ratio = 1.0 + a if sign > 0 else 1.0 / (1.0 + a)
-            if pick < 0.5 or s.system == "soft_robot":
+            if pick < 0.5 or s.system == "soft_robot" or s.system.startswith("mujoco_"):
                 return Effect(name, [(laws.SPRING, i, j, [(ratio - 1.0) * w2])], parameters={"ratio": ratio})
             return Effect(name, [(laws.SCALED_POTENTIAL, i, j, [ratio])], parameters={"ratio": ratio})
         if name == "mass_change":
@@ -45,7 +45,7 @@ def in_class(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
             return Effect(name, [(laws.INERTIA, i, j, [ratio - 1.0])], parameters={"ratio": ratio})
         if name == "constant_force":
             size = sign * a * 1.5 * w2 * s.x[i]
-            if s.system in ("pendulum", "rocker") and pick < 0.7:
+            if s.system in ("pendulum", "rocker", "mujoco_pendulum") and pick < 0.7:
                 lean = -size / w2 * (1.0 if abs(size / w2) < 1.0 else 1.0 / abs(size / w2))
                 row = (laws.TILT, i, j, [w2, lean])
                 return Effect(name, [row], parameters={"acceleration": float(-w2 * np.sin(lean))})

@@ -10,6 +10,7 @@ from benchmarks.gapgen.laws import soft_dead_band
 
 Array = NDArray[np.float64]
 KINDS = ("multisine", "steps", "triangle", "chirp")
+SINE = "sine"
 
 
 def _multisine(t: Array, f1: float, rng: np.random.Generator) -> Array:
@@ -59,6 +60,12 @@ def excitation(t: Array, f1: float, n_u: int, rng: np.random.Generator, *, kinds
         if n >= 4 and k == n // 2:
             out[a + (z - a) // 2 : z] = 0.0
     return out
+
+
+def pure_sine(t: Array, f1: float, n_u: int, rng: np.random.Generator) -> Array:
+    """Inputs (T, n_u) of one frequency around ``f1`` [Hz] throughout, each with a phase of its own."""
+    omega = 2.0 * np.pi * f1 * np.exp(rng.uniform(np.log(0.35), np.log(1.8)))
+    return np.sin(omega * t[:, None] + rng.uniform(0.0, 2.0 * np.pi, n_u)) * rng.uniform(0.5, 1.0, n_u)
 
 
 def on_half_steps(u: Array, n_sub: int) -> Array:

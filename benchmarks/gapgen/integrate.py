@@ -114,7 +114,8 @@ def _rub(kind, p, b, inertia, which, how, t, x, u, dx, work, h):
 
 
 @njit(cache=True)
-def _yield_sliders(which, how, x, d):
+def yield_sliders(which, how, x, d):
+    """Let the sliders of every slip chain in the state ``x`` give way at their limits."""
     for e in range(which.shape[0]):
         if which[e, 0] == SLIP_CHAIN:
             for k in range(SLIDERS):
@@ -156,7 +157,7 @@ def run(kind, p, b, inertia, which, how, x0, t0, dt, n, n_sub, u):
         if rubs:
             _rub(kind, p, b, inertia, which, how, t + h, x, u[2 * s + 2], k1, work, 0.5 * h)
         if slips:
-            _yield_sliders(which, how, x, d)
+            yield_sliders(which, how, x, d)
         if (s + 1) % n_sub == 0:
             out[(s + 1) // n_sub] = x
     return out

@@ -22,7 +22,7 @@ from benchmarks.gapgen.answers import answer
 from benchmarks.gapgen.drawing import Recording, Stratum, draw
 from benchmarks.gapgen.keys import read_key
 from benchmarks.gapgen.render import FRAME_S, Camera, draw_look, film
-from benchmarks.gapgen.strata import SYSTEMS, identities, seed_of, strata
+from benchmarks.gapgen.strata import SYSTEMS, WIDE, identities, seed_of, strata
 
 # one moment for every file: the first second of 2001
 STAMP = 978_307_200
@@ -139,6 +139,10 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--systems", choices=sorted(SYSTEMS), default="all", help="group of mechanisms")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     args = parser.parse_args(argv)
+    if args.tier == "T1" and args.systems in WIDE:
+        parser.error(
+            f"--systems {args.systems} has no films: only mechanisms of the other groups can be drawn"
+        )
     make(
         args.split, read_key(args.key), args.n, args.out, systems=args.systems, jobs=args.jobs, tier=args.tier
     )

@@ -1,4 +1,5 @@
-"""Mechanisms whose recordings are made: open chains, a rocker, a cart on a spring, an elastic pendulum.
+"""Mechanisms whose recordings are made: open chains, a rocker, a cart on a spring, an elastic pendulum, and
+those of textbooks.
 
 Each is ``M(q) a = f - h(q, v) - C v - grad V(q) + B u`` with its rest at ``q = 0``. Angles are in radians,
 lengths in metres, and every parameter is drawn anew for every recording.
@@ -10,8 +11,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from benchmarks.gapgen.textbook import acrobot, cart_pole, furuta
+
 Array = NDArray[np.float64]
 CHAIN, ROCKER, CART, BAG = 0, 1, 2, 3
+# in the form of other authors
+CART_POLE, ACROBOT, FURUTA = 4, 5, 6
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,12 @@ class Mechanism:
         squares = np.linalg.eigvals(np.linalg.solve(inertia, stiffness)).real
         return np.sqrt(np.sort(np.maximum(squares, 1e-12))) / (2.0 * np.pi)
 
+    def damping_at_rest(self) -> Array:
+        """Damping force of every coordinate at unit speed of all, (d,)."""
+        work = [np.zeros((self.d, self.d)), np.zeros(self.d), np.zeros(self.d), np.zeros(self.d)]
+        terms(self.kind, self.p, np.zeros(self.d), np.ones(self.d), *work)
+        return work[2]
+
     def _linear(self) -> tuple[Array, Array]:
         d = self.d
         mass, bias, drag, grad = np.zeros((d, d)), np.zeros(d), np.zeros(d), np.zeros(d)
@@ -66,19 +77,23 @@ class Mechanism:
     def perturbed(self, rng: np.random.Generator, size: float) -> "Mechanism":
         """The same mechanism, every parameter off by about ``size`` (relative), damping by four times it."""
         factor = np.exp(rng.normal(0.0, size, len(self.p)))
-        c = damping_slots(self.kind, self.d)
+        c = self._damping_slots()
         factor[c] = np.exp(rng.normal(0.0, min(4.0 * size, 0.1), len(c)))
         if self.kind == CHAIN:
             factor[0] = 1.0
         b = self.b * np.exp(rng.normal(0.0, size, self.b.shape))
         return replace(self, p=self.p * factor, b=b)
 
+    def _damping_slots(self) -> list[int]:
+        return damping_slots(self.kind, self.d)
+
 
 def damping_slots(kind: int, d: int) -> list[int]:
     """Positions of the damping coefficients in the parameters."""
     if kind == CHAIN:
         return list(range(1 + 4 * d, 1 + 5 * d))
-    return {ROCKER: [2], CART: [1], BAG: [4, 5]}[kind]
+    slots = {ROCKER: [2], CART: [1], BAG: [4, 5], CART_POLE: [5, 6], ACROBOT: [8, 9], FURUTA: [7, 8]}
+    return slots[kind]
 
 
 @njit(cache=True)
@@ -137,6 +152,12 @@ def terms(kind, p, q, v, mass, bias, drag, grad):
         bias[0] = 0.0
         drag[0] = p[1] * v[0]
         grad[0] = p[2] * q[0] + p[3] * q[0] ** 3
+    elif kind == CART_POLE:
+        cart_pole(p, q, v, mass, bias, drag, grad)
+    elif kind == ACROBOT:
+        acrobot(p, q, v, mass, bias, drag, grad)
+    elif kind == FURUTA:
+        furuta(p, q, v, mass, bias, drag, grad)
     else:
         m, g, k, length = p[0], p[1], p[2], p[3]
         reach = length + q[1]
@@ -152,12 +173,13 @@ def terms(kind, p, q, v, mass, bias, drag, grad):
         grad[1] = k * q[1] + m * g * (1.0 - np.cos(q[0]))
 
 
-def _spread(rng: np.random.Generator, value: float, share: float) -> float:
+def draw_spread(rng: np.random.Generator, value: float, share: float) -> float:
+    """``value`` times a factor that is log-uniform between ``exp(-share)`` and ``exp(share)``."""
     return float(value * np.exp(rng.uniform(-share, share)))
 
 
 def _pendulum(rng: np.random.Generator) -> Mechanism:
-    mass, length = _spread(rng, 0.6, 0.6), _spread(rng, 0.28, 0.3)
+    mass, length = draw_spread(rng, 0.6, 0.6), draw_spread(rng, 0.28, 0.3)
     inertia = mass * length**2 * rng.uniform(0.0, 0.3)
     total = mass * length**2 + inertia
     omega = np.sqrt(9.81 * mass * length / total)
@@ -167,15 +189,15 @@ def _pendulum(rng: np.random.Generator) -> Mechanism:
 
 
 def _rocker(rng: np.random.Generator) -> Mechanism:
-    inertia, omega = _spread(rng, 0.05, 0.7), 2.0 * np.pi * rng.uniform(0.75, 1.4)
+    inertia, omega = draw_spread(rng, 0.05, 0.7), 2.0 * np.pi * rng.uniform(0.75, 1.4)
     c = 2.0 * rng.uniform(0.008, 0.04) * omega * inertia
     p = np.array([inertia, rng.uniform(0.5, 2.0), c, inertia * omega**2])
     return Mechanism("rocker", ROCKER, 1, p, np.array([[1.0]]), np.array([rng.uniform(0.3, 0.7)]))
 
 
 def _cart(rng: np.random.Generator, *, cubic: bool) -> Mechanism:
-    mass, omega = _spread(rng, 0.8, 0.7), 2.0 * np.pi * rng.uniform(0.7, 1.4)
-    size = _spread(rng, 0.12, 0.7)
+    mass, omega = draw_spread(rng, 0.8, 0.7), 2.0 * np.pi * rng.uniform(0.7, 1.4)
+    size = draw_spread(rng, 0.12, 0.7)
     c = 2.0 * rng.uniform(0.01, 0.05) * omega * mass
     k = mass * omega**2
     k3 = k * rng.uniform(0.15, 0.6) / size**2 if cubic else 0.0
@@ -185,8 +207,8 @@ def _cart(rng: np.random.Generator, *, cubic: bool) -> Mechanism:
 
 
 def _two_link(rng: np.random.Generator) -> Mechanism:
-    masses = np.array([_spread(rng, 0.8, 0.3), _spread(rng, 0.4, 0.3)])
-    lengths = np.array([_spread(rng, 0.22, 0.2), _spread(rng, 0.16, 0.2)])
+    masses = np.array([draw_spread(rng, 0.8, 0.3), draw_spread(rng, 0.4, 0.3)])
+    lengths = np.array([draw_spread(rng, 0.22, 0.2), draw_spread(rng, 0.16, 0.2)])
     springs = np.array([rng.uniform(0.0, 0.5), rng.uniform(0.0, 0.2)])
     inertia = 0.1 * masses * lengths**2
     reference = np.array([(masses.sum()) * lengths.sum() ** 2, masses[1] * lengths[1] ** 2])
@@ -198,7 +220,7 @@ def _two_link(rng: np.random.Generator) -> Mechanism:
 
 
 def _bag(rng: np.random.Generator) -> Mechanism:
-    mass, length = _spread(rng, 2.0, 0.5), _spread(rng, 0.35, 0.3)
+    mass, length = draw_spread(rng, 2.0, 0.5), draw_spread(rng, 0.35, 0.3)
     swing = np.sqrt(9.81 / length)
     bounce = swing * (rng.uniform(1.45, 1.75) if rng.random() < 0.5 else rng.uniform(2.4, 3.0))
     c = 2.0 * rng.uniform(0.01, 0.04, 2) * np.array([swing * mass * length**2, bounce * mass])
@@ -208,8 +230,8 @@ def _bag(rng: np.random.Generator) -> Mechanism:
 
 
 def _soft_robot(rng: np.random.Generator) -> Mechanism:
-    masses = np.array([_spread(rng, 0.06, 0.2) for _ in range(4)])
-    lengths = np.array([_spread(rng, 0.07, 0.1) for _ in range(4)])
+    masses = np.array([draw_spread(rng, 0.06, 0.2) for _ in range(4)])
+    lengths = np.array([draw_spread(rng, 0.07, 0.1) for _ in range(4)])
     inertia = 0.3 * masses * lengths**2
     hanging = np.array([masses[i:].sum() * lengths[i:].sum() ** 2 / 2.0 for i in range(4)])
     springs = hanging * (2.0 * np.pi * rng.uniform(0.8, 1.1)) ** 2 * np.array([1.0, 1.2, 1.5, 2.0])
@@ -219,6 +241,50 @@ def _soft_robot(rng: np.random.Generator) -> Mechanism:
     b = np.zeros((4, 4))
     b[:2, 0], b[:2, 1], b[2:, 2], b[2:, 3] = share[:2], -share[:2], share[2:], -share[2:]
     return Mechanism("soft_robot", CHAIN, 4, p, b, rng.uniform(0.15, 0.3, 4))
+
+
+def _inputs_of(rng: np.random.Generator, reference: Array, first: int) -> Array:
+    """Input matrix (2, n_u): both coordinates driven, or, as the authors have it, ``first`` alone."""
+    b = np.diag(reference / reference[0])
+    return b if rng.random() < 0.5 else np.ascontiguousarray(b[:, [first]] / b[first, first])
+
+
+def _cart_pole(rng: np.random.Generator) -> Mechanism:
+    cart, pole, half = draw_spread(rng, 1.0, 0.4), draw_spread(rng, 0.25, 0.6), draw_spread(rng, 0.25, 0.4)
+    swing = np.sqrt(0.75 * 9.81 / half)
+    k = (cart + pole) * (swing * rng.uniform(0.6, 1.5)) ** 2
+    inertia = np.array([cart + pole, 4.0 / 3.0 * pole * half**2])
+    c = 2.0 * rng.uniform(0.008, 0.04, 2) * swing * inertia
+    p = np.array([cart, pole, half, 9.81, k, *c])
+    size = np.array([half * rng.uniform(0.2, 0.5), rng.uniform(0.25, 0.6)])
+    b = _inputs_of(rng, np.array([1.0, half * pole / (cart + pole)]), 0)
+    return Mechanism("cart_pole", CART_POLE, 2, p, b, size)
+
+
+def _acrobot(rng: np.random.Generator) -> Mechanism:
+    m1, m2 = draw_spread(rng, 1.0, 0.3), draw_spread(rng, 0.8, 0.4)
+    l1, l2 = draw_spread(rng, 0.4, 0.4), draw_spread(rng, 0.4, 0.4)
+    # of slender links to twice that
+    share = rng.uniform(1.0 / 12.0, 1.0 / 6.0)
+    inertia = np.array([m1 * l1**2, m2 * l2**2]) * share
+    whole = np.array([(m1 + m2) * (l1 + l2) ** 2 / 3.0, m2 * l2**2 / 3.0])
+    c = 2.0 * rng.uniform(0.01, 0.04, 2) * np.sqrt(9.81 / (l1 + l2)) * whole
+    p = np.array([m1, m2, l1, 0.5 * l1, 0.5 * l2, *inertia, 9.81, *c])
+    size = np.array([rng.uniform(0.2, 0.45), rng.uniform(0.25, 0.6)])
+    return Mechanism("acrobot", ACROBOT, 2, p, _inputs_of(rng, whole, 1), size)
+
+
+def _furuta(rng: np.random.Generator) -> Mechanism:
+    mass, arm, half = draw_spread(rng, 0.1, 0.5), draw_spread(rng, 0.2, 0.3), draw_spread(rng, 0.15, 0.3)
+    swing = mass * half**2 * rng.uniform(1.1, 1.4)
+    own = mass * arm**2 * rng.uniform(0.5, 2.0)
+    whole = np.array([own + mass * arm**2, swing])
+    omega = np.sqrt(mass * 9.81 * half / swing)
+    k = whole[0] * (omega * rng.uniform(0.6, 1.3)) ** 2
+    c = 2.0 * rng.uniform(0.01, 0.04, 2) * omega * whole
+    p = np.array([own, mass, arm, half, swing, 9.81, k, *c])
+    size = np.array([rng.uniform(0.2, 0.5), rng.uniform(0.25, 0.6)])
+    return Mechanism("furuta", FURUTA, 2, p, _inputs_of(rng, whole, 0), size)
 
 
 def draw_mechanism(system: str, rng: np.random.Generator) -> Mechanism:
@@ -235,6 +301,9 @@ def draw_mechanism(system: str, rng: np.random.Generator) -> Mechanism:
         "two_link": _two_link,
         "bag": _bag,
         "soft_robot": _soft_robot,
+        "cart_pole": _cart_pole,
+        "acrobot": _acrobot,
+        "furuta": _furuta,
     }
     if system not in makers:
         raise ValueError(f"system {system!r}: none such; choose from {sorted(makers)} and the two carts")

@@ -109,34 +109,46 @@ class World:
         clips = []
         for t0, x0, lead, u in zip(plan.start_s, plan.x0, plan.lead, plan.inputs, strict=True):
             fine = self.drive(u, plan.dt_s, n_sub)
-            x = run(
-                m.kind,
-                m.p,
-                m.b,
-                self.inertia,
-                self.which,
-                self.how,
-                self.state(x0),
-                t0 - lead * plan.dt_s,
-                plan.dt_s,
-                len(u),
-                n_sub,
-                fine,
-            )
+            x = self._run(self.state(x0), t0 - lead * plan.dt_s, plan.dt_s, len(u), n_sub, fine)
             if not np.isfinite(x).all() or np.abs(x[:, : m.d] / m.size).max() > 12.0:
                 raise FloatingPointError("the motion left every bound")
             clips.append(Clip(t0, x[lead:], fine[2 * n_sub * lead :], n_sub, u[lead:]))
         return clips
 
-    def forecast(self, clips: list[Clip], ys: list[Array], dt_s: float, n: int, most: int) -> list[tuple]:
-        """Forecasts of ``n`` samples from the first ten of every block: (clip, starts, (k, n, d)) per clip.
+    def _run(self, x0: Array, t0: float, dt_s: float, n: int, n_sub: int, fine: Array) -> Array:
+        """States (n, n_x) at ``t0 + k dt_s`` from ``x0``."""
+        m = self.mechanism
+        return run(m.kind, m.p, m.b, self.inertia, self.which, self.how, x0, t0, dt_s, n, n_sub, fine)
+
+    def _forecasts(
+        self,
+        x0: Array,
+        starts: NDArray[np.int64],
+        t0: float,
+        dt_s: float,
+        burn: int,
+        n: int,
+        n_sub: int,
+        fine: Array,
+        y: Array,
+    ) -> Array:
+        """Forecasts (n_blocks, n, d) of the samples ``y`` of a clip from first guesses (n_blocks, n_x)."""
+        m = self.mechanism
+        own = (m.kind, m.p, m.b, self.inertia, self.which, self.how)
+        return forecasts(*own, x0, starts, t0, dt_s, burn, n, n_sub, fine, y)
+
+    def forecast(
+        self, clips: list[Clip], ys: list[Array], dt_s: float, n: int, most: int, burn: int = BURN
+    ) -> list[tuple]:
+        """Forecasts of ``n`` samples from the first ``burn`` of every block.
+
+        One (clip, starts, (k, n, d)) for every clip that holds a block.
 
         ``clips`` give inputs and, where they hold them, internal states; ``ys`` (T, d) the samples.
         """
-        m = self.mechanism
-        d = m.d
-        total = sum(max((len(y) - n) // (n - BURN) + 1, 0) for y in ys)
-        stride = (n - BURN) * max(1, int(np.ceil(total / most)))
+        d = self.mechanism.d
+        total = sum(max((len(y) - n) // (n - burn) + 1, 0) for y in ys)
+        stride = (n - burn) * max(1, int(np.ceil(total / most)))
         n_sub = self.n_sub(dt_s)
         out = []
         for k, (clip, y) in enumerate(zip(clips, ys, strict=True)):
@@ -148,42 +160,25 @@ class World:
                 if clip.x.shape[1] == 2 * d + self.n_z
                 else np.zeros((len(starts), self.n_z))
             )
-            x0 = np.concatenate([y[starts], _slope(y, starts, dt_s), z], 1)
+            x0 = np.concatenate([y[starts], _slope(y, starts, dt_s, burn), z], 1)
             fine = clip.fine if self.effects and clip.n_sub == n_sub else self.drive(clip.u, dt_s, n_sub)
-            y_hat = forecasts(
-                m.kind,
-                m.p,
-                m.b,
-                self.inertia,
-                self.which,
-                self.how,
-                x0,
-                starts,
-                clip.t0,
-                dt_s,
-                BURN,
-                n,
-                n_sub,
-                fine,
-                y,
-            )
-            out.append((k, starts, y_hat))
+            out.append((k, starts, self._forecasts(x0, starts, clip.t0, dt_s, burn, n, n_sub, fine, y)))
         return out
 
 
-def _slope(y: Array, starts: NDArray[np.int64], dt_s: float) -> Array:
-    t = (np.arange(BURN) - 0.0) * dt_s
-    design = np.column_stack([np.ones(BURN), t, t**2])
+def _slope(y: Array, starts: NDArray[np.int64], dt_s: float, burn: int) -> Array:
+    t = (np.arange(burn) - 0.0) * dt_s
+    design = np.column_stack([np.ones(burn), t, t**2])
     weight = np.linalg.pinv(design)[1]
-    return np.stack([weight @ y[a : a + BURN] for a in starts])
+    return np.stack([weight @ y[a : a + burn] for a in starts])
 
 
-def gap(forecast: list[tuple], ys: list[Array], rms: Array) -> float:
+def gap(forecast: list[tuple], ys: list[Array], rms: Array, burn: int = BURN) -> float:
     """RMS of forecast minus sample past the burn-in, in each coordinate's rms; nan without blocks."""
     errors = []
     for k, starts, y_hat in forecast:
         truth = np.stack([ys[k][a : a + y_hat.shape[1]] for a in starts])
-        errors.append((((y_hat - truth) / rms)[:, BURN:] ** 2).ravel())
+        errors.append((((y_hat - truth) / rms)[:, burn:] ** 2).ravel())
     if not errors:
         return float("nan")
     value = np.concatenate(errors)

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.gapgen.effect import Setting
-from benchmarks.gapgen.inputs import excitation
-from benchmarks.gapgen.mechanisms import Mechanism, terms
-from benchmarks.gapgen.motion import Clip, Plan, World
+from benchmarks.gapgen.inputs import SINE, excitation, pure_sine
+from benchmarks.gapgen.mechanisms import Mechanism
+from benchmarks.gapgen.motion import Clip, Plan
+from benchmarks.gapgen.sources import world_of
 
 Array = NDArray[np.float64]
 
@@ -41,16 +42,19 @@ def forced_plan(
     """One clip whose response reaches the size of the mechanism; inputs in the mechanism's present units."""
     lead, n = round(4.0 / dt), round(span / dt) + 1
     t = (np.arange(lead + n) - lead) * dt
-    shape = np.concatenate(
-        [
-            excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)),
-            excitation(t[lead:], f1, m.n_u, rng, kinds=kinds),
-        ]
-    )
+    if kinds == (SINE,):
+        shape = pure_sine(t, f1, m.n_u, rng)
+    else:
+        shape = np.concatenate(
+            [
+                excitation(t[:lead], f1, m.n_u, rng, kinds=("multisine",)),
+                excitation(t[lead:], f1, m.n_u, rng, kinds=kinds),
+            ]
+        )
     # a static push to the full reach is the first guess
     per_input = np.abs(np.linalg.solve(m.stiffness_at_rest(), m.b)) / m.size[:, None]
     amount = 0.3 / np.maximum(per_input.max(0), 1e-12)
-    world = World(m)
+    world = world_of(m)
     for _ in range(4):
         plan = Plan(dt, [0.0], [np.zeros(2 * m.d)], [lead], [shape * amount])
         try:
@@ -77,8 +81,6 @@ def setting_of(m: Mechanism, clips: list[Clip], plan: Plan, *, forced: bool, spa
     u = np.concatenate([c.u for c in clips])
     inertia, stiffness = np.diag(m.inertia_at_rest()), np.diag(m.stiffness_at_rest())
     w = np.sqrt(stiffness / inertia)
-    work = [np.zeros((m.d, m.d)), np.zeros(m.d), np.zeros(m.d), np.zeros(m.d)]
-    terms(m.kind, m.p, np.zeros(m.d), np.ones(m.d), *work)
     return Setting(
         f1_hz=w / (2.0 * np.pi),
         x=np.sqrt((q**2).mean(0)),
@@ -87,7 +89,7 @@ def setting_of(m: Mechanism, clips: list[Clip], plan: Plan, *, forced: bool, spa
         v_top=np.abs(v).max(0),
         u=np.sqrt((u**2).mean(0)) + 1e-12,
         u_top=np.abs(u).max(0) + 1e-12,
-        zeta=work[2] / (2.0 * w * inertia),
+        zeta=m.damping_at_rest() / (2.0 * w * inertia),
         span_s=span,
         dt_s=plan.dt_s,
         forced=forced,

@@ -7,6 +7,10 @@ import numpy as np
 
 from benchmarks.gapgen.drawing import BINS, Stratum
 from benchmarks.gapgen.effect import CAMERA, FAMILIES, MEMORY, NEEDS_INPUT, OUTSIDE
+from benchmarks.gapgen.files import MOST_SAMPLES
+from benchmarks.gapgen.mujoco_world import MUJOCO
+from benchmarks.gapgen.sensors import COLOURED, QUANTISED, QUANTISED_NOISE, WHITE, Conditions, Sensor
+from benchmarks.gapgen.sources import SOURCES, TEXTBOOK, source_of
 
 NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE = 0.15, 0.12, 0.10
 SYSTEMS = {
@@ -17,6 +21,12 @@ SYSTEMS = {
 }
 SYSTEMS["to2"] = SYSTEMS["d1"] * 2 + SYSTEMS["d2"]
 SYSTEMS["all"] = SYSTEMS["d1"] * 2 + ("two_link", "bag", "soft_robot")
+SYSTEMS["calibration"] = SYSTEMS["d1"] * 2 + SYSTEMS["d2"] + MUJOCO + TEXTBOOK
+# groups whose conditions are drawn wide
+WIDE = ("calibration",)
+WIDE_NONE_SHARE, WIDE_PAIR_SHARE = 0.20, 0.12
+RATE_HZ, SPAN_S, NOISE_LEVEL, STEP = (20.0, 1000.0), (4.0, 60.0), (0.001, 0.03), (0.002, 0.02)
+RATIO, PAIR_RATIO = (1.2, 40.0), (3.0, 40.0)
 NOISE, DURATION_S = (0.003, 0.01, 0.01, 0.03), (4.0, 18.0, 18.0, 60.0)
 # camera and timing count as two families, unlogged pushes as half of one
 WEIGHTS = {
@@ -69,6 +79,66 @@ def _spread(rng: np.random.Generator, names: list[str], weights: list[float], n:
     return [name for name, c in zip(names, count, strict=True) for _ in range(c)]
 
 
+def _log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
+    return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
+
+
+def _draw_sensor(rng: np.random.Generator, kind: str, *, loses: bool) -> tuple[Sensor, float]:
+    """A sensor of a kind and the level of its noise over the rms of the motion."""
+    correlation = float(rng.uniform(1.0, 10.0)) if kind == COLOURED else 0.0
+    noise = QUANTISED_NOISE * _log_uniform(rng, STEP) if kind == QUANTISED else _log_uniform(rng, NOISE_LEVEL)
+    lost = float(rng.uniform(0.002, 0.05)) if loses else 0.0
+    longest = int(rng.integers(2, 25)) if loses and rng.random() < 0.5 else 1
+    return Sensor(kind, correlation, lost, longest), noise
+
+
+def _tolerance(rng: np.random.Generator, ratios: tuple[float, ...], *, exact: bool) -> float:
+    """Gap over the floor that the nominal parameters alone leave."""
+    ratio = float(rng.uniform(1.02, 1.3))
+    if exact:
+        return 1.0
+    # where there is an effect, most of the gap comes from it
+    return min([ratio, *(float(np.sqrt(1.0 + 0.15 * (r**2 - 1.0))) for r in ratios)])
+
+
+def _shares(rng: np.random.Generator, n: int, shares: dict[str, float]) -> list[str]:
+    """``n`` names in exact shares, shuffled."""
+    return [str(x) for x in rng.permutation(_spread(rng, list(shares), list(shares.values()), n))]
+
+
+def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
+    """Strata whose sources are balanced and whose conditions are drawn wide."""
+    rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
+    n_none, n_out, n_pair = (round(x * n) for x in (WIDE_NONE_SHARE, OUTSIDE_SHARE, WIDE_PAIR_SHARE))
+    singles = _spread(rng, list(WEIGHTS), list(WEIGHTS.values()), n - n_none - n_out - n_pair)
+    outside = list(rng.permutation(np.resize(OUTSIDE, max(n_out, 1))))[:n_out]
+    labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
+    sources = _shares(rng, n, dict.fromkeys(SOURCES, 1.0))
+    kinds = _shares(rng, n, {WHITE: 2.0, COLOURED: 1.0, QUANTISED: 1.0})
+    losing, sine = (_shares(rng, n, {"yes": x, "no": 1.0 - x}) for x in (0.2, 0.1))
+    out = []
+    for k, label in enumerate(labels):
+        forced = bool(rng.random() < 0.5)
+        label = _pair(rng, forced=forced) if label == ("pair",) else label
+        forced = forced or bool(set(label) & set(NEEDS_INPUT))
+        system = str(rng.choice([x for x in SYSTEMS[systems] if source_of(x) == sources[k]]))
+        bounds = RATIO if len(label) == 1 else PAIR_RATIO
+        ratios = tuple(_log_uniform(rng, bounds) for name in label if name != "none")
+        tolerance = _tolerance(rng, ratios, exact=k % 2 == 0)
+        rate = _log_uniform(rng, RATE_HZ)
+        span = min(_log_uniform(rng, SPAN_S), MOST_SAMPLES / rate)
+        sensor, noise = _draw_sensor(rng, kinds[k], loses=losing[k] == "yes")
+        conditions = Conditions(rate, sensor, ratios, tolerance, forced and sine[k] == "yes")
+        out.append(Stratum(label, system, forced, noise, span, _bin_of(ratios), conditions))
+    return [out[k] for k in rng.permutation(n)]
+
+
+def _bin_of(ratios: tuple[float, ...]) -> str:
+    """The bin of the largest ratio; the middle one where there is no effect."""
+    top = max(ratios, default=5.0)
+    return "low" if top < BINS["low"][1] else "middle" if top < BINS["middle"][1] else "high"
+
+
 def strata(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     """The strata of ``n`` recordings of a group of systems, in an order that only the key gives.
 
@@ -77,6 +147,8 @@ def strata(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     """
     if systems not in SYSTEMS:
         raise ValueError(f"systems {systems!r}: none such; choose from {sorted(SYSTEMS)}")
+    if systems in WIDE:
+        return _wide(key, split, n, systems)
     rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
     n_none, n_out, n_pair = (round(share * n) for share in (NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE))
     singles = _spread(rng, list(WEIGHTS), list(WEIGHTS.values()), n - n_none - n_out - n_pair)

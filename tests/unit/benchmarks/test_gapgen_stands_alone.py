@@ -10,8 +10,13 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 GENERATOR = sorted((ROOT / "benchmarks" / "gapgen").glob("*.py"))
 ALLOWED = {"numpy", "scipy", "numba", "benchmarks"}
-# sealing needs a cipher, scoring draws
-MORE = {"seal.py": {"cryptography"}, "figures.py": {"matplotlib"}}
+# sealing needs a cipher, scoring draws, and one source of motions is MuJoCo
+MORE = {
+    "seal.py": {"cryptography"},
+    "figures.py": {"matplotlib"},
+    "mujoco_world.py": {"mujoco"},
+    "mujoco_steps.py": {"mujoco"},
+}
 
 
 def roots(path: Path) -> Iterator[str]:

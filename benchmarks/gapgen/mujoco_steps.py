@@ -1,0 +1,135 @@
+"""MuJoCo's step in a compiled loop that applies the laws of the withheld effects before each."""
+
+import ctypes
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import njit, types
+from numba.experimental import function_type  # noqa: F401  makes such functions known to the compiler
+
+from benchmarks.gapgen.integrate import yield_sliders
+from benchmarks.gapgen.laws import (
+    DRIFT_POTENTIAL,
+    FRICTION,
+    INPUT_STIFFNESS,
+    conservative,
+    exogenous,
+    friction_level,
+    is_conservative,
+    is_exogenous,
+    is_memory,
+    memory,
+    resistive,
+)
+
+warnings.filterwarnings("ignore", message="First-class function type feature is experimental")
+
+
+class _Function(types.WrapperAddressProtocol):
+    """A function ``void f(const mjModel*, mjData*)`` of MuJoCo's library by its name."""
+
+    def __init__(self, name: str) -> None:
+        (path,) = Path(mujoco.__file__).parent.glob("*mujoco*.[0-9].[0-9].[0-9]*")
+        self.address = ctypes.cast(getattr(ctypes.CDLL(str(path)), name), ctypes.c_void_p).value
+
+    def __wrapper_address__(self) -> int:
+        return self.address
+
+    def signature(self) -> Any:
+        return types.void(types.intp, types.intp)
+
+
+@cache
+def stepping_functions() -> tuple[Any, Any]:
+    """``mj_step`` and ``mj_forward`` as a compiled loop calls them."""
+    return _Function("mj_step"), _Function("mj_forward")
+
+
+@njit(cache=True)
+def _force(law, th, t, x, dx, at, q, v, load, u):
+    """Acceleration of one law; fills the rates of its internal states."""
+    if is_exogenous(law):
+        return exogenous(law, th, t)
+    if is_memory(law):
+        return memory(law, th, x, dx, at, q, v, load)
+    if is_conservative(law):
+        return conservative(law, th, q)
+    if law == INPUT_STIFFNESS:
+        return -th[0] * u * q
+    return resistive(law, th, t, q, v)
+
+
+@njit(cache=True)
+def _apply(fields, scales, which, how, t, h, x, dx, u):
+    """Forces of all laws at the middle ``t`` of a step ``h``; internal states ``x[2 d:]`` go through it."""
+    qpos, qvel, qacc, _, applied, _, bias, spring, push, loss, stiffness = fields
+    inertia, at_rest, _ = scales
+    d = len(qpos)
+    applied[:] = 0.0
+    for e in range(which.shape[0]):
+        law, i, at, th = which[e, 0], which[e, 1], 2 * d + which[e, 2], how[e]
+        load = (bias[i] - spring[i] - push[i]) / inertia[i]
+        q = qpos[i] + 0.5 * h * qvel[i] + 0.125 * h * h * qacc[i]
+        v = qvel[i] + 0.5 * h * qacc[i]
+        if law == FRICTION:
+            loss[i] += friction_level(th, v, load) * inertia[i]
+        elif law == DRIFT_POTENTIAL:
+            stiffness[i] += at_rest[i] * th[0] * th[1] * (1.0 - np.exp(-t / th[1]))
+        elif is_memory(law):
+            n = len(x) - at
+            begun = x[at:].copy()
+            _force(law, th, t, x, dx, at, qpos[i], qvel[i], load, 0.0)
+            for k in range(n):
+                x[at + k] = begun[k] + 0.5 * h * dx[at + k]
+            applied[i] += inertia[i] * _force(law, th, t, x, dx, at, q, v, load, 0.0)
+            for k in range(n):
+                x[at + k] = begun[k] + h * dx[at + k]
+        else:
+            applied[i] += inertia[i] * _force(law, th, t, x, dx, at, q, v, load, u[which[e, 3]])
+
+
+@njit(cache=True)
+def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, n_sub, u):
+    """States (n, n_x) at ``t0 + k dt`` from ``x0``; ``u`` (2 (n - 1) n_sub + 1, n_u) at every half step.
+
+    ``where`` are the addresses of model and data, ``fields`` views of what a step reads and writes,
+    ``scales`` inertia and stiffness at rest and the bound (d,) of the coordinates, beyond which states are
+    infinite.
+    """
+    qpos, qvel, _, warm, applied, ctrl, _, _, _, loss, stiffness = fields
+    d, bound = len(qpos), scales[2]
+    h = dt / n_sub
+    x = x0.copy()
+    dx = np.zeros(len(x))
+    out = np.full((n, len(x)), np.inf)
+    out[0] = x
+    own_loss, own_stiffness = loss.copy(), stiffness.copy()
+    qpos[:] = x[:d]
+    qvel[:] = x[d : 2 * d]
+    warm[:] = 0.0
+    applied[:] = 0.0
+    ctrl[:] = u[0]
+    forward(where[0], where[1])
+    for s in range((n - 1) * n_sub):
+        ctrl[:] = u[2 * s + 1]
+        loss[:] = own_loss
+        stiffness[:] = own_stiffness
+        _apply(fields, scales, which, how, t0 + (s + 0.5) * h, h, x, dx, ctrl)
+        step(where[0], where[1])
+        yield_sliders(which, how, x, d)
+        inside = True
+        for i in range(d):
+            inside = inside and abs(qpos[i]) < bound[i]
+        if not inside:
+            break
+        if (s + 1) % n_sub == 0:
+            x[:d] = qpos
+            x[d : 2 * d] = qvel
+            out[(s + 1) // n_sub] = x
+    loss[:] = own_loss
+    stiffness[:] = own_stiffness
+    return out
