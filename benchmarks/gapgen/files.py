@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stratum:
-    """What is laid down for a recording before anything is drawn; a camera's where there are no conditions."""
+    """What is laid down for a recording before anything is drawn, wide conditions included."""
 
     label: tuple[str, ...]
     system: str

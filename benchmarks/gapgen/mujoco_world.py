@@ -1,8 +1,8 @@
 """Mechanisms that MuJoCo moves, with the withheld effects in MuJoCo's own terms where it has them.
 
 Viscous damping, springs, dry friction, inertia, stops and gains of inputs are damping, stiffness,
-frictionloss, armature, limited ranges and gears of the model. Every other law is a force at the middle of each
-step, to which the state is extrapolated; internal states follow by the midpoint rule.
+frictionloss, armature, limited ranges and gears of the model. Every other law is a force at the middle of
+each step, to which the state is extrapolated; internal states follow by the midpoint rule.
 """
 
 from collections.abc import Callable
@@ -49,7 +49,7 @@ DAMPING = {PENDULUM: [4], CART: [1], TWO_LINK: [7, 8], CART_POLE: [4, 5]}
 
 
 def write_mjcf(kind: int, p: Array, b: Array) -> str:
-    """The model of a mechanism with the parameters ``p`` (n_p,) and a motor for each column of ``b`` (d, n_u)."""
+    """The model of a mechanism of parameters ``p`` (n_p,), with a motor for each column of ``b`` (d, n_u)."""
     numbers = [float(x) for x in p]
     body = BODIES[kind].format(*numbers, **{f"n{k}": -x for k, x in enumerate(numbers)})
     motors = []

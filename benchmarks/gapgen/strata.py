@@ -72,10 +72,11 @@ def _spread(rng: np.random.Generator, names: list[str], weights: list[float], n:
     """``n`` names in the shares of their weights as nearly as whole numbers allow."""
     share = np.array(weights) / np.sum(weights) * n
     count = np.floor(share).astype(int)
-    left = rng.choice(
-        len(names), n - int(count.sum()), replace=False, p=(share - count) / (share - count).sum()
-    )
-    count[left] += 1
+    if count.sum() < n:
+        left = rng.choice(
+            len(names), n - int(count.sum()), replace=False, p=(share - count) / (share - count).sum()
+        )
+        count[left] += 1
     return [name for name, c in zip(names, count, strict=True) for _ in range(c)]
 
 

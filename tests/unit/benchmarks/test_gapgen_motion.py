@@ -12,7 +12,17 @@ from benchmarks.gapgen.inputs import through_actuator
 from benchmarks.gapgen.mechanisms import CART, Mechanism, draw_mechanism, terms
 from benchmarks.gapgen.motion import Plan, World
 
-SYSTEMS = ("pendulum", "rocker", "duffing_cart", "two_link", "bag", "soft_robot")
+SYSTEMS = (
+    "pendulum",
+    "rocker",
+    "duffing_cart",
+    "two_link",
+    "bag",
+    "soft_robot",
+    "cart_pole",
+    "acrobot",
+    "furuta",
+)
 
 
 def cart(*, c: float = 0.0, k: float = 40.0) -> Mechanism:

@@ -1,0 +1,120 @@
+"""Widely drawn conditions: shares, sensors, missing rows, and what the answers tell of them."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.gapgen.drawing import draw
+from benchmarks.gapgen.effect import NEEDS_INPUT, OUTSIDE
+from benchmarks.gapgen.files import MOST_SAMPLES, Stratum
+from benchmarks.gapgen.make import main
+from benchmarks.gapgen.sensors import (
+    COLOURED,
+    QUANTISED,
+    Conditions,
+    Sensor,
+    kept_rows,
+    measured,
+    quantisation_step,
+)
+from benchmarks.gapgen.sources import source_of
+from benchmarks.gapgen.strata import strata
+
+
+def wide(sensor: Sensor, *label: str, rate: float = 90.0, sine: bool = False) -> Stratum:
+    ratios = () if label == ("none",) else (6.0,)
+    conditions = Conditions(rate, sensor, ratios, 1.2, sine)
+    return Stratum(label, "linear_cart", True, 0.01, 6.0, "middle", conditions)
+
+
+def test_shares_and_bounds_are_kept() -> None:
+    split = strata(b"k" * 16, "cal", 300, "calibration")
+    assert split == strata(b"k" * 16, "cal", 300, "calibration")
+    assert split != strata(b"other", "cal", 300, "calibration")
+    assert Counter(source_of(s.system) for s in split) == {"own": 100, "mujoco": 100, "textbook": 100}
+    labels = [s.label for s in split]
+    assert labels.count(("none",)) == 60
+    assert sum(label[0] in OUTSIDE for label in labels) == 36
+    assert sum(len(label) == 2 for label in labels) == 36
+    told = [s.conditions for s in split if s.conditions is not None]
+    assert len(told) == 300
+    assert Counter(c.sensor.kind for c in told) == {"white": 150, "coloured": 75, "quantised": 75}
+    assert sum(c.sensor.lost > 0.0 for c in told) == 60
+    assert sum(c.tolerance > 1.0 for s, c in zip(split, told, strict=True) if s.label == ("none",)) == 30
+    assert all(c.rate_hz * s.duration_s <= MOST_SAMPLES + 1 for s, c in zip(split, told, strict=True))
+    ratios = [r for c in told for r in c.ratios]
+    assert min(ratios) < 1.6 < 30.0 < max(ratios)
+    assert all(1.2 <= r <= 40.0 for r in ratios)
+    assert all(s.forced for s in split if set(s.label) & set(NEEDS_INPUT))
+
+
+def test_other_groups_have_no_conditions() -> None:
+    assert all(s.conditions is None and source_of(s.system) == "own" for s in strata(b"k", "dev", 60, "all"))
+
+
+def test_quantised_samples_lie_on_multiples_of_the_step() -> None:
+    recording = draw(wide(Sensor(QUANTISED), "coulomb_friction"), np.random.default_rng(3))
+    gap = recording.truth["gap"]
+    assert 4.0 < gap["before"] / gap["floor"] < 9.0
+    step = quantisation_step(0.01 * np.array(recording.truth["rms"]))[0]
+    # an encoder counts alike in every recording
+    for columns in recording.files.values():
+        counts = columns["q0"] / step
+        assert np.abs(counts - np.rint(counts)).max() < 1e-6
+    assert recording.truth["rate_hz"] == pytest.approx(90.0)
+
+
+def test_lost_rows_are_missing_in_the_files() -> None:
+    whole = wide(Sensor(), "none", sine=True)
+    lossy = wide(Sensor(lost=0.05, longest=8), "none", sine=True)
+    a, b = (draw(s, np.random.default_rng(4)).files["real_0.csv"] for s in (whole, lossy))
+    assert len(b["t"]) == len(a["t"]) - round(0.05 * len(a["t"]))
+    assert set(b["t"]) < set(a["t"])
+    assert b["t"][0] == a["t"][0]
+    assert b["t"][-1] == a["t"][-1]
+    # the inputs are of one frequency: their spectrum has one peak
+    power = np.abs(np.fft.rfft(a["u0"] * np.hanning(len(a["u0"])))) ** 2
+    assert np.sort(power)[-5:].sum() > 0.95 * power.sum()
+
+
+def test_rows_are_lost_singly_or_in_bursts() -> None:
+    rng = np.random.default_rng(0)
+    for longest in (1, 20):
+        keep = kept_rows(4000, Sensor(lost=0.04, longest=longest), rng)
+        assert 4000 - keep.sum() == 160
+        runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[1], keep.astype(int), [1]]))))[::2]
+        assert (runs.max() > 5) == (longest > 1)
+    assert kept_rows(50, Sensor(), rng).all()
+
+
+def test_coloured_noise_has_its_deviation_and_memory() -> None:
+    sensor = Sensor(COLOURED, correlation=5.0)
+    (y,) = measured([np.zeros((40_000, 2))], np.array([0.1, 1.0]), sensor, np.random.default_rng(1))
+    assert np.allclose(y.std(0), [0.1, 1.0], rtol=0.05)
+    assert np.mean(y[5:, 1] * y[:-5, 1]) == pytest.approx(np.exp(-1.0), abs=0.06)
+
+
+def test_the_lowest_rate_resolves_the_fastest_mode() -> None:
+    slow = replace(wide(Sensor(), "none", rate=1.0), duration_s=8.0)
+    recording = draw(slow, np.random.default_rng(5))
+    assert recording.truth["rate_hz"] == pytest.approx(12.0 * recording.truth["natural_hz"][-1])
+
+
+def test_the_answers_tell_source_and_conditions(tmp_path: Path) -> None:
+    said = ["--split", "t", "--key", "public", "--n", "3", "--systems", "calibration"]
+    for folder in ("one", "two"):
+        main([*said, "--out", str(tmp_path / folder)])
+    one, two = ((tmp_path / x / "answers.jsonl").read_text() for x in ("one", "two"))
+    assert one == two
+    answers = [json.loads(line) for line in one.splitlines()]
+    assert {a["source"] for a in answers} == {"own", "mujoco", "textbook"}
+    for a in answers:
+        assert {"rate_hz", "sensor", "ratios", "tolerance", "sine"} == set(a["conditions"])
+        for path in (tmp_path / "one" / "data" / a["id"]).iterdir():
+            assert path.read_bytes() == (tmp_path / "two" / "data" / a["id"] / path.name).read_bytes()
+    with pytest.raises(SystemExit):
+        main([*said, "--tier", "T1", "--out", str(tmp_path / "films")])
