@@ -68,6 +68,13 @@ def test_quantised_samples_lie_on_multiples_of_the_step() -> None:
     assert recording.truth["rate_hz"] == pytest.approx(90.0)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_push_lies_where_it_is_felt(seed: int) -> None:
+    s = replace(wide(Sensor(), "external_push"), forced=False, duration_s=12.0)
+    gap = draw(s, np.random.default_rng(seed)).truth["gap"]
+    assert 4.0 < gap["before"] / gap["floor"] < 9.0
+
+
 def test_lost_rows_are_missing_in_the_files() -> None:
     whole = wide(Sensor(), "none", sine=True)
     lossy = wide(Sensor(lost=0.05, longest=8), "none", sine=True)
