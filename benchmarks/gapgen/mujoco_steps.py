@@ -26,6 +26,8 @@ from benchmarks.gapgen.laws import (
     resistive,
 )
 
+# steps of internal states in one of MuJoCo's
+INNER = 4
 warnings.filterwarnings("ignore", message="First-class function type feature is experimental")
 
 
@@ -64,6 +66,36 @@ def _force(law, th, t, x, dx, at, q, v, load, u):
 
 
 @njit(cache=True)
+def _remember(law, th, t, h, x, dx, at, q, v, a, load):
+    """Mean acceleration of a law over a step, through which its internal states go by the midpoint rule."""
+    small, total = h / INNER, 0.0
+    begun = np.empty(len(x) - at)
+    for s in range(INNER):
+        now, half = s * small, (s + 0.5) * small
+        begun[:] = x[at:]
+        dx[at:] = 0.0
+        _force(law, th, t, x, dx, at, q + v * now + 0.5 * a * now * now, v + a * now, load, 0.0)
+        for k in range(len(begun)):
+            x[at + k] = begun[k] + 0.5 * small * dx[at + k]
+        total += _force(law, th, t, x, dx, at, q + v * half + 0.5 * a * half * half, v + a * half, load, 0.0)
+        for k in range(len(begun)):
+            x[at + k] = begun[k] + small * dx[at + k]
+    return total / INNER
+
+
+@njit(cache=True)
+def _escapes(fields, scales):
+    """Whether the motion is about to leave every bound; MuJoCo would say so in a file."""
+    qpos, qacc, applied = fields[0], fields[2], fields[4]
+    inertia, _, bound = scales
+    for i in range(len(qpos)):
+        inside = abs(qpos[i]) < bound[i] and abs(qacc[i]) < 1e5 * bound[i]
+        if not (inside and abs(applied[i]) < 1e5 * bound[i] * inertia[i]):
+            return True
+    return False
+
+
+@njit(cache=True)
 def _apply(fields, scales, which, how, t, h, x, dx, u):
     """Forces of all laws at the middle ``t`` of a step ``h``; internal states ``x[2 d:]`` go through it."""
     qpos, qvel, qacc, _, applied, _, bias, spring, push, loss, stiffness = fields
@@ -80,14 +112,8 @@ def _apply(fields, scales, which, how, t, h, x, dx, u):
         elif law == DRIFT_POTENTIAL:
             stiffness[i] += at_rest[i] * th[0] * th[1] * (1.0 - np.exp(-t / th[1]))
         elif is_memory(law):
-            n = len(x) - at
-            begun = x[at:].copy()
-            _force(law, th, t, x, dx, at, qpos[i], qvel[i], load, 0.0)
-            for k in range(n):
-                x[at + k] = begun[k] + 0.5 * h * dx[at + k]
-            applied[i] += inertia[i] * _force(law, th, t, x, dx, at, q, v, load, 0.0)
-            for k in range(n):
-                x[at + k] = begun[k] + h * dx[at + k]
+            extra = _remember(law, th, t, h, x, dx, at, qpos[i], qvel[i], qacc[i], load)
+            applied[i] += inertia[i] * extra
         else:
             applied[i] += inertia[i] * _force(law, th, t, x, dx, at, q, v, load, u[which[e, 3]])
 
@@ -101,7 +127,7 @@ def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, 
     infinite.
     """
     qpos, qvel, _, warm, applied, ctrl, _, _, _, loss, stiffness = fields
-    d, bound = len(qpos), scales[2]
+    d = len(qpos)
     h = dt / n_sub
     x = x0.copy()
     dx = np.zeros(len(x))
@@ -119,13 +145,10 @@ def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, 
         loss[:] = own_loss
         stiffness[:] = own_stiffness
         _apply(fields, scales, which, how, t0 + (s + 0.5) * h, h, x, dx, ctrl)
+        if _escapes(fields, scales):
+            break
         step(where[0], where[1])
         yield_sliders(which, how, x, d)
-        inside = True
-        for i in range(d):
-            inside = inside and abs(qpos[i]) < bound[i]
-        if not inside:
-            break
         if (s + 1) % n_sub == 0:
             x[:d] = qpos
             x[d : 2 * d] = qvel

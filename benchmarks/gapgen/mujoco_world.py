@@ -123,7 +123,7 @@ class MujocoWorld(World):
         step = (3e-3 if self.effects else 6e-3) / self.top_hz
         for law, i, _, _ in self.which:
             if law == laws.BRISTLE:
-                step = min(step, 4e-4 / self.own_hz[i])
+                step = min(step, 6e-4 / self.own_hz[i])
             elif law in SHARP or law in CORNERED:
                 step = min(step, 1e-3 / self.own_hz[i])
         return max(1, int(np.ceil(dt_s / step)))
