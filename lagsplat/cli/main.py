@@ -68,7 +68,10 @@ VERBS = {
         summary="Name the physical effects by which a real mechanism differs from its simulator.",
         usage=("sim=SIM real=FILES [out=FOLDER] [diagnose.key=value ...]",),
         keys=(
-            ("sim=SIM", "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute; required"),
+            (
+                "sim=SIM",
+                "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute, which is run; required",
+            ),
             (
                 "real=FILES",
                 "trajectories (CSV, Parquet, MCAP) or a recording; held_out for a run's own; required",

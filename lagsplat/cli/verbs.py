@@ -13,6 +13,7 @@ from lagsplat.config.compose import compose
 from lagsplat.provenance import set_threads
 
 FITTED_RUN_KEYS = ("input", "seconds", "frame")
+MOST_SAMPLES = 10_000_000  # samples of a simulation without inputs, at most [count]
 AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
 
 
@@ -82,6 +83,24 @@ def simulate(given: Namespace) -> None:
     print(keys["out"])
 
 
+def sample_times(seconds: str, dt_s: float) -> np.ndarray:
+    """Times from 0 to ``seconds`` in steps of ``dt_s`` [s], (N,).
+
+    Raises:
+        CommandError: no duration that can be simulated.
+    """
+    try:
+        duration_s = float(seconds)
+    except ValueError:
+        duration_s = float("nan")
+    if not dt_s <= duration_s <= MOST_SAMPLES * dt_s:
+        raise CommandError(
+            f"seconds={seconds}: give a duration in seconds from {dt_s:.3g}, one sample, to "
+            f"{MOST_SAMPLES * dt_s:.3g}, ten million samples"
+        )
+    return np.arange(0.0, duration_s, dt_s)
+
+
 def _simulate_run(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (N,) [s], states (N, d) and velocities (N, d) [1/s] of a fitted run."""
     from lagsplat.io.files.atomic import load_inputs
@@ -91,7 +110,7 @@ def _simulate_run(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndar
     if "input" in keys:
         time_s, inputs = load_inputs(keys["input"], dt_s=run.chart.dt_s)
     else:
-        time_s = np.arange(0.0, float(keys.get("seconds", "10")), run.chart.dt_s)
+        time_s = sample_times(keys.get("seconds", "10"), run.chart.dt_s)
         inputs = np.zeros((len(time_s), run.chart.inputs.shape[1]))
     return time_s, *rollout(run, inputs, frame=int(keys["frame"]) if "frame" in keys else None)
 
@@ -109,7 +128,7 @@ def _simulate_augmented(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, n
     if "input" in keys:
         time_s, u, push = read_input_table(keys["input"])
     else:
-        time_s = np.arange(0.0, float(keys.get("seconds", "10")), sim.dt_s)
+        time_s = sample_times(keys.get("seconds", "10"), sim.dt_s)
         u, push = np.zeros((len(time_s), sim.model.n_u)), np.zeros((len(time_s), 0))
     q, v = read_initial_state(keys["initial"], sim.model.d) if "initial" in keys else (None, None)
     held = None if input_hold is None else input_hold == "zoh"

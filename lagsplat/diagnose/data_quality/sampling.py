@@ -140,7 +140,7 @@ def _moves_smoothly(motions: Sequence[Trajectory]) -> np.ndarray:
 
 
 def check_samples(motion: Trajectory, *, period_s: float | None, noise: MeasurementNoise) -> list[Finding]:
-    """Check for repeated, rounded and clipped values, and for too few samples in a natural period."""
+    """Check for repeated, rounded and clipped values, few samples in a period, and times not in seconds."""
     findings = [
         *_check_quantisation(motion, noise),
         *_check_clipping(motion, noise),
@@ -154,6 +154,11 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
         wanted_hz = 2.0 * SAMPLING.coarse_samples_per_period / period_s
         remedy = f"record at least {wanted_hz:.3g} samples a second"
         findings.append(Finding(level, "too coarse", motion.source, what, why, remedy))
+    if motion.dt_s > SAMPLING.slowest_step_s:
+        what = f"a sample every {motion.dt_s:.4g} s, over {motion.duration_s:.4g} s"
+        why = "times are read in seconds, and hardly a mechanism is so slow"
+        remedy = "divide t by 1000 if it is in milliseconds"
+        findings.append(Finding("warn", "slow clock", motion.source, what, why, remedy))
     return findings
 
 

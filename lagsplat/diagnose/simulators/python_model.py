@@ -44,7 +44,7 @@ def load_python(name: str) -> Any:
         raise ValueError(
             f"sim={name}: {error}; give file.py:attribute, or install the package of the module"
         ) from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a program that ends itself must not end the diagnosis
         raise ValueError(
             f"sim={name}: importing {source} fails with {error!r}; run it alone first"
         ) from error
@@ -56,7 +56,7 @@ def load_python(name: str) -> Any:
         return value
     try:
         return value()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ValueError(f"sim={name}: {attribute}() fails with {error!r}") from error
 
 
@@ -128,11 +128,11 @@ class PointwiseFunction:
         point = tuple(x[0] for x in points)
         try:
             first = self._evaluate(point)
-        except Exception as plain:
+        except (Exception, SystemExit) as plain:
             self.torch = True
             try:
                 first = self._evaluate(point)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 cause = plain if type(plain) is type(error) else error
                 at = ", ".join(np.array2string(x, precision=4) for x in point)
                 raise ValueError(

@@ -176,6 +176,8 @@ def _classify(path: Path) -> DataSource:
         return DataSource("krauss" if has_images else "trajectory", name)
     if suffix == ".xml":
         return DataSource("mujoco", name)
+    if suffix == ".py":
+        raise ValueError(f"{path}: a program; name what in it is the simulator, as {path}:NAME")
     if suffix == ".safetensors":
         kind = read_header(path)["kind"]
         if kind == "dynamics":

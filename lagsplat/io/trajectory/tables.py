@@ -176,7 +176,10 @@ def _from_text(path: Path) -> Table:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a text in UTF-8 ({error}); save the table as CSV in UTF-8") from error
-    every = [(number, line.strip(" \r")) for number, line in enumerate(text.split("\n"), 1)]
+    if "\0" in text:
+        raise ValueError(f"{path}: NUL bytes, as in UTF-16 or a damaged file; save the table as CSV in UTF-8")
+    lines_of_text = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    every = [(number, line.strip(" ")) for number, line in enumerate(lines_of_text, 1)]
     uncommented = [(number, line.partition("#")[0].rstrip(" ")) for number, line in every]
     lines = [(number, line) for number, line in uncommented if line.strip()]
     if not lines:

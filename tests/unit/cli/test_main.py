@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.cli.main import VERBS, main
-from lagsplat.cli.verbs import FITTED_RUN_KEYS, parse_names
+from lagsplat.cli.main import VERBS, CommandError, main
+from lagsplat.cli.verbs import FITTED_RUN_KEYS, parse_names, sample_times
 from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
 
 
@@ -105,6 +105,13 @@ def test_completion_knows_every_verb(shell: str, capsys: pytest.CaptureFixture[s
 def test_names_are_listed_with_or_without_brackets() -> None:
     assert parse_names("[hip, knee]") == parse_names("hip,knee") == ["hip", "knee"]
     assert parse_names(None) is None
+
+
+@pytest.mark.parametrize("seconds", ["-5", "0", "nan", "inf", "1e12", "ten"])
+def test_a_duration_that_cannot_be_simulated_is_refused(seconds: str) -> None:
+    with pytest.raises(CommandError, match=f"seconds={seconds}: give a duration"):
+        sample_times(seconds, 0.02)
+    assert len(sample_times("10", 0.02)) == 500
 
 
 def test_the_help_of_simulate_explains_its_keys() -> None:

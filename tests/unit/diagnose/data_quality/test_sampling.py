@@ -41,6 +41,14 @@ def test_a_good_recording_has_nothing_to_say(noise: float) -> None:
     assert of_length(swing(noise=noise, seconds=18.0)) == []
 
 
+def test_milliseconds_are_not_taken_for_seconds_in_silence() -> None:
+    slow = replace(swing(noise=0.01), time_s=1000.0 * swing(noise=0.01).time_s)
+    noise = measure_noise([slow], period_s=1000.0 * PERIOD_S)
+    (found,) = check_samples(slow, period_s=1000.0 * PERIOD_S, noise=noise)
+    assert found.level == "warn"
+    assert "milliseconds" in found.remedy
+
+
 def test_samples_that_repeat_while_the_motion_goes_on() -> None:
     motion = swing(noise=0.003)
     q = motion.q.copy()

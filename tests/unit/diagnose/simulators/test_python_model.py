@@ -133,3 +133,13 @@ def test_energy_that_comes_from_nowhere_and_inputs_that_are_ignored_are_told() -
     free = SimpleNamespace(mass=[[1.0]], potential=lambda q: q[..., 0] ** 2)
     with pytest.warns(UserWarning, match="not driven"):
         project_python(free, region(), what="sim")
+
+
+@pytest.mark.parametrize(
+    "program", ["import sys\nsys.exit(0)\n", "import sys\ndef build():\n    sys.exit(0)\n"]
+)
+def test_a_program_that_ends_itself_does_not_end_the_diagnosis(tmp_path: Path, program: str) -> None:
+    path = tmp_path / "ends.py"
+    path.write_text(program)
+    with pytest.raises(ValueError, match=r"fails with SystemExit"):
+        load_python(f"{path}:build")

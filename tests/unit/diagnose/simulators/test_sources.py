@@ -97,6 +97,9 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
         find_sources(str(tmp_path / "a.mat"))
     with pytest.raises(ValueError, match="damaged or not an NPZ"):
         find_sources(str(tmp_path / "a.npz"))
+    (tmp_path / "arm.py").write_text("")
+    with pytest.raises(ValueError, match="name what in it is the simulator"):
+        find_sources(str(tmp_path / "arm.py"))
     with pytest.raises(ValueError, match="an empty list"):
         find_sources("[]")
     (tmp_path / "empty").mkdir()

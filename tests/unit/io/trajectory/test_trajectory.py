@@ -28,6 +28,7 @@ def steps(n: int, dt_s: float = 0.1) -> str:
     [
         TIDY,
         "\ufeff" + TIDY,
+        TIDY.replace("\n", "\r"),
         TIDY.replace("\n", "\r\n"),
         TIDY.replace("t,q0,u0", " t , q0 ,  u0 "),
         "# a log\n\n" + TIDY + "# the end\n",
@@ -42,6 +43,7 @@ def steps(n: int, dt_s: float = 0.1) -> str:
     ids=[
         "tidy",
         "bom",
+        "cr",
         "crlf",
         "spaces",
         "comments",
@@ -225,3 +227,10 @@ def test_a_spacing_needs_two_samples_and_a_cut_an_index_inside() -> None:
         motion.cut([3])
     with pytest.raises(ValueError, match="of no range"):
         motion.pieces([])
+
+
+def test_a_text_of_another_encoding_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"t\0,\0q\x000\0\n\0")
+    with pytest.raises(ValueError, match="NUL bytes"):
+        read_trajectory_file(path)
