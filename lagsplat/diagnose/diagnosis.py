@@ -10,23 +10,33 @@ from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference import posterior
+from lagsplat.diagnose.inference.effect_search import EffectSearch, search_effects
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
-from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
+from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
-from lagsplat.diagnose.inference.robustness import check_robustness, inflate_noise
+from lagsplat.diagnose.inference.robustness import check_robustness
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class DiagnosisRun:
-    """A diagnosis with the estimation problem, all fits, and the chosen fit."""
+    """A diagnosis with all fits that it compared, and the chosen fit."""
 
     diagnosis: Diagnosis
-    problem: EstimationProblem
-    ranking: ModelRanking
+    search: EffectSearch
     chosen: HypothesisFit
+
+    @property
+    def problem(self) -> EstimationProblem:
+        """The estimation problem of all hypotheses."""
+        return self.search.problem
+
+    @property
+    def ranking(self) -> ModelRanking:
+        """The fits of single effects."""
+        return self.search.ranking
 
 
 def diagnose(
@@ -55,20 +65,9 @@ def diagnose(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
 
-    def fit_effects() -> tuple[ModelRanking, tuple[HypothesisFit, ...]]:
-        """Fit the single effects, then the best sets of one to three."""
-        ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-        sets = posterior.combine_effects(
-            problem, ranking, candidates, budget, report_progress=report_progress
-        )
-        return ranking, sets
-
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
-    ranking, chain = fit_effects()
-    inflated = inflate_noise(problem, budget, chain[-1] if chain else ranking.none)
-    if inflated is not None:  # no effect fits: the noise is larger than it was taken for
-        problem, budget = inflated
-        ranking, chain = fit_effects()
+    search = search_effects(problem, candidates, budget, report_progress=report_progress)
+    problem, budget, ranking, chain = search.problem, search.budget, search.ranking, search.sets
     judgement = posterior.judge_hypotheses(
         ranking,
         chain,
@@ -106,7 +105,7 @@ def diagnose(
         q_names=q_names,
         u_names=u_names,
     )
-    return DiagnosisRun(diagnosis, problem, ranking, chosen)
+    return DiagnosisRun(diagnosis, search, chosen)
 
 
 def _measure_fits(

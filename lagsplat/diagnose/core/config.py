@@ -92,6 +92,19 @@ class BlindConfig:
             raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")
 
 
+@dataclass
+class CalibrationConfig:
+    """Recordings whose truth is known, on which the probabilities of a verdict are fitted."""
+
+    recordings: int  # recordings in all [count]
+    batch: int  # recordings in a job [count]
+    seed: str  # word that all draws follow from
+    systems: str  # group of mechanisms that the generator draws from
+
+    def __post_init__(self) -> None:
+        require_least(self, "calibration", 1, "recordings", "batch")
+
+
 # --- Data quality
 
 
@@ -204,11 +217,13 @@ class NOISE_ESTIMATION:
 class SAMPLING:
     """How densely, evenly and finely a motion is sampled. Commit d06fac6."""
 
-    decimated_samples_per_period: float = 100.0  # samples kept in the rms period of the rates [count]
+    decimated_samples_per_period: float = 40.0  # samples kept in the rms period of the rates [count]: as many
+    # as the integrator's steps
     decimated_rate_hz: float = 120.0  # rate that decimation keeps [Hz]: a camera's, to see lost frames
     repeat_noise_ratio: float = 4.0  # step that the motion makes where a value repeats, over the noise [1]
     coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
     min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]
+    slowest_step_s: float = 0.9  # step between samples [s] from which times may be in ms: 1 kHz is 1
     quantization_share: float = 0.1  # quantization step over the coordinate's rms [1] that is worth a note
     clipped_share: float = 0.02  # share of samples at an extreme [1] from which a sensor saturates
     clipped_run: int = 4  # samples in a row at that extreme [count]
@@ -431,6 +446,8 @@ class PROBLEM:
 class SELECTION:
     """Search over effects, sets of several effects, and their fits."""
 
+    trial_iterations: int = 4  # iterations after which fits are compared, and the poor ones given up [count]
+    continued_fits: int = 8  # best fits that are continued [count]
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78
     refined_iterations: int = 5  # iterations of a refined fit, over those of the first fit [1]; c12aa78
     refined_tolerance: float = 0.03  # tolerance of a refined fit, over that of the first fit [1]; c12aa78
@@ -500,6 +517,7 @@ class HOLDOUT:
     start_samples: int = 10  # samples, without repeats, that fit the initial state [count]; 0e95f8e
     min_period_share: float = 0.25  # length of a block where the sim soon diverges [natural periods]; 0fc4d5b
     min_block_samples: int = 20  # samples of the shortest block [count]; 0e95f8e
+    most_error: float = 1e3  # error that a diverged forecast counts with, at most [rms of the coordinate]
     diverged_error: float = 10.0  # error of a diverged forecast, at least [rms of the coordinate]; 6c6edb9
 
 

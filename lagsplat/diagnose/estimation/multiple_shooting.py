@@ -132,6 +132,7 @@ def fit_multiple_shooting(
     tolerance: float,
     known: tuple[np.ndarray, np.ndarray] | None = None,
     exact: LinearizationFunction | None = None,
+    brief: bool = False,
 ) -> ShootingFit:
     """Fit parameters and initial states; stops when a step gains less than ``tolerance`` of the cost.
 
@@ -144,6 +145,7 @@ def fit_multiple_shooting(
             parameters are then computed after every step, the rest, which change little, every
             `ESTIMATION.max_stale_steps`.
         exact: exact derivatives in the place of finite differences.
+        brief: whether the last derivatives may be those of a few steps before, as for a fit to be continued.
     """
     n_leading = len(x) if known is None else len(x) - known[0].shape[2]
 
@@ -184,7 +186,7 @@ def fit_multiple_shooting(
         fresh, age = age == 0, 0
         if converged and fresh:
             break
-    if age:
+    if age and not brief:
         residual, slopes, start_slopes = linearize(x, starts)
     left = eliminate_starts(residual, slopes, start_slopes)
     curvatures = left.curvature, left.log_determinant
@@ -210,6 +212,8 @@ def _step(
         left = eliminate_starts(*linear, damping)
         h = left.curvature + np.diag(inverse + damping * (np.diag(left.curvature) + inverse))
         g = left.right - (x - prior.mean) * inverse
+        if not (np.isfinite(h).all() and np.isfinite(g).all()):
+            return None  # a diverged rollout has no derivative to follow
         move = np.linalg.lstsq(h, g, rcond=1e-13)[0] if len(x) else g
         new = np.maximum(x + move, prior.lowest)
         new_starts = starts + left.follow(new - x)

@@ -194,6 +194,9 @@ def predict_bics(
         free = list_free_directions(small, structure, problem.speed)
         kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / IDENTIFICATION.coefficient_deviation**2
+        if not np.isfinite(h).all():  # a diverged rollout foretells nothing
+            predicted.append(np.inf)
+            continue
         gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
         predicted.append(problem.compute_bic(best.fit.misfit - gain, len(kept)))
     return predicted

@@ -4,13 +4,13 @@ A block is one natural period long. Its initial state is fitted to its first ten
 forecasts; no later sample is used.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import HOLDOUT
+from lagsplat.diagnose.core.config import HOLDOUT, PROBLEM
 from lagsplat.diagnose.core.result import Block, Gap, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
@@ -108,21 +108,91 @@ def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray,
 def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> Interval:
     """Share of the gap above the noise floor that is closed, with a 95 % bootstrap interval over blocks.
 
-    None where the gap is less than two standard errors above the floor. The arguments are mean squares of
+    None where the interval of the gap above the floor holds zero. The arguments are mean squares of
     each block: without effects, with effects, and as expected if the model is true.
     """
-    draws = np.random.default_rng(0).integers(0, len(before), (2000, len(before)))
-
-    def share(rows: np.ndarray) -> np.ndarray:
-        b, a, f = (np.sqrt(np.mean(values[rows], axis=-1)) for values in (before, after, floor))
-        return (b - a) / np.maximum(b - f, 1e-12)
-
-    above = np.sqrt(before[draws].mean(axis=1)) - np.sqrt(floor[draws].mean(axis=1))
-    gap = np.sqrt(before.mean()) - np.sqrt(floor.mean())
-    if gap < 2.0 * above.std() or gap <= 0.0:
+    above = bootstrap_blocks(lambda b, f: b - f, before, floor)
+    assert above.value is not None
+    assert above.low is not None
+    if above.value <= 0.0 or above.low <= 0.0:
         return Interval(None, None, None)
-    low, high = np.percentile(share(draws), [2.5, 97.5])
-    return Interval(float(share(np.arange(len(before)))), float(low), float(high))
+    return bootstrap_blocks(lambda b, a, f: (b - a) / np.maximum(b - f, 1e-12), before, after, floor)
+
+
+def bootstrap_blocks(measure: Callable[..., np.ndarray], *squares: Float64[np.ndarray, " B"]) -> Interval:
+    """A measure of root mean squares with its 95 % bootstrap interval over blocks.
+
+    ``squares`` are mean squares of each block; ``measure`` gets their root means, one of each a draw.
+    """
+    n = len(squares[0])
+    draws = np.random.default_rng(0).integers(0, n, (2000, n))
+    value = measure(*(np.sqrt(values.mean()) for values in squares))
+    drawn = measure(*(np.sqrt(values[draws].mean(axis=1)) for values in squares))
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Interval(float(value), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class HeldOutForecast:
+    """Forecasts of one hypothesis, and mean squares of each block [rms of each coordinate, squared]."""
+
+    y: Float64[np.ndarray, "B L d"]
+    error: Float64[np.ndarray, "B L d"]
+    squares: Float64[np.ndarray, " B"]  # of the errors, at most `HOLDOUT.most_error` squared
+    floor: Float64[np.ndarray, " B"]  # expected of a true law, from the noise
+
+
+def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, " k"]:
+    """Parameters of a hypothesis, fitted to the half of the windows that is not held out.
+
+    The sim's own parameters go no further than is plausible: what only an implausible sim explains is not
+    explained.
+    """
+    x = half.fit(hypothesis.fitted, hypothesis.fit.x).x
+    own = x[hypothesis.n_effect_parameters :]
+    moved = float(np.sum((own / half.rollout_model.nuisance.deviation) ** 2))
+    own *= min(1.0, float(np.sqrt(PROBLEM.max_squared_deviation / max(moved, 1e-12))))
+    return x
+
+
+class HeldOutBlocks:
+    """The held-out half of a recording, which one hypothesis after another forecasts."""
+
+    def __init__(self, problem: EstimationProblem) -> None:
+        """Cut the windows.
+
+        Raises:
+            ValueError: the held-out part has no stretch of one period.
+        """
+        self.problem, record = problem, problem.dataset
+        self.half, held_out = split_windows(problem)
+        self.blocks = cut_blocks(problem, held_out)
+        self.rms, self.real = np.std(record.q, axis=0), self.blocks.take(record.q)
+
+    def forecast(self, hypothesis: HypothesisFit) -> HeldOutForecast:
+        """Fit a hypothesis to the other half and forecast the blocks."""
+        x = fit_half(self.half, hypothesis)
+        return self.measure(forecast_blocks(self.problem, self.blocks, hypothesis.effects, x), hypothesis)
+
+    def forecast_given(self, model: MechanicalModel) -> HeldOutForecast:
+        """Forecast the blocks with a model as it is."""
+        rollout_model = replace(self.problem.rollout_model, model=model)
+        problem, still = (
+            replace(self.problem, rollout_model=rollout_model),
+            np.zeros(rollout_model.nuisance.size),
+        )
+        return self.measure(forecast_blocks(problem, self.blocks, (), still), None)
+
+    def measure(self, forecast: Forecast, hypothesis: HypothesisFit | None) -> HeldOutForecast:
+        """Errors of forecasts; where an effect repeats samples, what repeats an earlier one is explained."""
+        error, most = forecast.y - self.real, HOLDOUT.most_error**2
+        effects = hypothesis.effects if hypothesis else ()
+        if any(isinstance(placed.effect, SampleEffect) and placed.effect.repeats for placed in effects):
+            error[self.blocks.take(self.problem.repeated_samples)] = 0.0
+        squares = compute_relative_square_error(error, self.rms)
+        floor = np.mean(forecast.expected / self.rms**2, axis=(1, 2))
+        bounded = (np.minimum(np.nan_to_num(x, nan=most, posinf=most), most) for x in (squares, floor))
+        return HeldOutForecast(forecast.y, error, *bounded)
 
 
 @dataclass(frozen=True)
@@ -133,6 +203,9 @@ class HoldoutForecasts:
     blocks: tuple[Block, ...]
     before: np.ndarray
     floor: np.ndarray
+    beyond_refit: Interval
+    """Share of the gap above the floor that the chosen effects close beyond what a refit closes."""
+    refit_over_floor: Interval  # error after a refit over that of a true law [1]
 
 
 def forecast_holdout(
@@ -149,45 +222,46 @@ def forecast_holdout(
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
-    half, held_out = split_windows(problem)
-    blocks, record = cut_blocks(problem, held_out), problem.dataset
-    rms, real = np.std(record.q, axis=0), blocks.take(record.q)
-    original = replace(problem, rollout_model=replace(problem.rollout_model, model=given))
-    sim = forecast_blocks(original, blocks, (), np.zeros(problem.rollout_model.nuisance.size))
-    refit = forecast_blocks(problem, blocks, (), fit_half(half, none))
-    after = forecast_blocks(problem, blocks, chosen.effects, fit_half(half, chosen))
-    errors = {"before": sim.y - real, "refit": refit.y - real, "after": after.y - real}
-    if any(isinstance(placed.effect, SampleEffect) and placed.effect.repeats for placed in chosen.effects):
-        # what repeats an earlier sample is explained
-        errors["after"][blocks.take(problem.repeated_samples)] = 0.0
-    squares = {name: compute_relative_square_error(error, rms) for name, error in errors.items()}
-    squares["floor"] = np.mean(after.expected / rms**2, axis=(1, 2))
+    held_out, record = HeldOutBlocks(problem), problem.dataset
+    forecasts = {
+        "before": held_out.forecast_given(given),
+        "refit": held_out.forecast(none),
+        "after": held_out.forecast(chosen),
+    }
+    before, refit, after = (forecast.squares for forecast in forecasts.values())
+    floor, rms = forecasts["after"].floor, held_out.rms
     gap = Gap(
-        **{name: float(np.sqrt(np.mean(values))) for name, values in squares.items()},
+        **{name: float(np.sqrt(np.mean(forecast.squares))) for name, forecast in forecasts.items()},
+        floor=float(np.sqrt(np.mean(floor))),
         horizon_s=problem.period_s,
-        closure=estimate_closure(squares["before"], squares["after"], squares["floor"]),
-        blocks=len(real),
-        diverged={name: count_diverged(error, rms) for name, error in errors.items()},
+        closure=estimate_closure(before, after, floor),
+        blocks=len(held_out.real),
+        diverged={name: count_diverged(forecast.error, rms) for name, forecast in forecasts.items()},
     )
     rows = []
-    for i, (start, length) in enumerate(zip(blocks.first, blocks.length, strict=True)):
+    for i, (start, length) in enumerate(zip(held_out.blocks.first, held_out.blocks.length, strict=True)):
         number = record.file_of[int(np.searchsorted(record.clips[:, 1], start, side="right"))]
         time_s = record.time[start : start + length] + record.shifts_s[number]
-        rows.append(Block(record.files[number], i, time_s, real[i], sim.y[i], after.y[i]))
-    return HoldoutForecasts(gap, tuple(rows), squares["before"], squares["floor"])
+        sim, augmented = (forecasts[name].y[i] for name in ("before", "after"))
+        rows.append(Block(record.files[number], i, time_s, held_out.real[i], sim, augmented))
 
+    def measure_share(b: np.ndarray, r: np.ndarray, a: np.ndarray, f: np.ndarray) -> np.ndarray:
+        return (r - a) / np.maximum(b - f, 1e-12)
 
-def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> np.ndarray:
-    """Parameters of a hypothesis, fitted to the half of the windows that is not held out."""
-    return half.fit(hypothesis.fitted, hypothesis.fit.x).x
+    return HoldoutForecasts(
+        gap,
+        tuple(rows),
+        before,
+        floor,
+        bootstrap_blocks(measure_share, np.maximum(before, refit), refit, after, floor),
+        bootstrap_blocks(lambda r, f: r / np.maximum(f, 1e-12), refit, floor),
+    )
 
 
 def estimate_single_closure(
     problem: EstimationProblem, hypothesis: HypothesisFit, holdout: HoldoutForecasts
 ) -> Interval:
     """Closure of another hypothesis on the same blocks."""
-    half, held_out = split_windows(problem)
-    blocks, q = cut_blocks(problem, held_out), problem.dataset.q
-    forecast = forecast_blocks(problem, blocks, hypothesis.effects, fit_half(half, hypothesis))
-    after = compute_relative_square_error(forecast.y - blocks.take(q), np.std(q, axis=0))
-    return estimate_closure(holdout.before, after, holdout.floor)
+    return estimate_closure(
+        holdout.before, HeldOutBlocks(problem).forecast(hypothesis).squares, holdout.floor
+    )

@@ -130,6 +130,8 @@ class SearchBudget:
     """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
     correlation: float = 0.0
     """Samples that count as one in the residual of the best explanation, where that leaves much [1]."""
+    continued: int = SELECTION.continued_fits  # best fits that are continued after a trial [count]
+    refined: int = SELECTION.refined_fits  # best fits that are refined to convergence [count]
 
     @property
     def effective_sample_ratio(self) -> float:
@@ -188,10 +190,36 @@ def rank_hypotheses(
     for name in dict.fromkeys(names):
         report_progress(name)
         for score, fit in sorted(by_family[name], key=lambda pair: -pair[0].gain)[: config.places]:
-            found.append(fit_candidate(problem, base.effects, fit, score, starts=config.starts))
-    found.sort(key=lambda hypothesis: hypothesis.fit.cost)
-    n = SELECTION.refined_fits
-    found[:n] = [refine_fit(problem, hypothesis) for hypothesis in found[:n]]
+            found.append(try_candidate(problem, base.effects, fit, score, starts=config.starts))
+    return finish_fits(problem, base, found, candidates, budget)
+
+
+def refit_hypotheses(
+    problem: EstimationProblem,
+    ranking: ModelRanking,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
+) -> ModelRanking:
+    """Fit all hypotheses of a ranking again, from where they are, to a problem with other noise."""
+    n = problem.rollout_model.nuisance.size
+    base = refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
+    short = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
+    moving = [hypothesis for hypothesis in ranking.found if not hypothesis.moves_samples]
+    found = [continue_fit(short, hypothesis, brief=True) for hypothesis in moving]
+    return finish_fits(problem, base, found, candidates, budget)
+
+
+def finish_fits(
+    problem: EstimationProblem,
+    base: HypothesisFit,
+    found: Sequence[HypothesisFit],
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
+) -> ModelRanking:
+    """Continue the best of briefly fitted hypotheses, refine the best of these, and rank all."""
+    for finish, n in ((continue_fit, budget.continued), (refine_fit, budget.refined)):
+        found = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)
+        found[:n] = [finish(problem, hypothesis) for hypothesis in found[:n]]
     return rank_by_evidence(problem, base, found, candidates, budget)
 
 
@@ -293,7 +321,7 @@ def _scale_start(
     return whole[int(np.argmin(np.where(np.isfinite(misfit), misfit, np.inf)))]
 
 
-def fit_candidate(
+def try_candidate(
     problem: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
     base: shooting.ShootingFit,
@@ -301,9 +329,21 @@ def fit_candidate(
     *,
     starts: int,
 ) -> HypothesisFit:
-    """Fit one candidate beside ``effects`` from its best few starting points, and return the best fit."""
+    """A few steps of a fit of one candidate beside ``effects``, from each of its best starting points; the
+    best of these fits.
+    """
     near, together = HypothesisFit(effects, base).nearby_slopes, (*effects, score.placed)
+    short = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
     fits = []
     for x in score.starts[:starts]:
-        fits.append(problem.fit(together, _scale_start(problem, together, base, x), base.starts, near))
+        start = _scale_start(problem, together, base, x)
+        fits.append(short.fit(together, start, base.starts, near, brief=True))
     return HypothesisFit(together, min(fits, key=lambda fit: fit.cost))
+
+
+def continue_fit(
+    problem: EstimationProblem, hypothesis: HypothesisFit, *, brief: bool = False
+) -> HypothesisFit:
+    """Continue a fit to the iterations and the tolerance of the problem."""
+    fit, near = hypothesis.fit, hypothesis.nearby_slopes
+    return replace(hypothesis, fit=problem.fit(hypothesis.effects, fit.x, fit.starts, near, brief=brief))

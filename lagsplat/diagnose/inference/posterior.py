@@ -64,7 +64,7 @@ def combine_effects(
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
     *,
-    report_progress: Callable[[str], None],
+    report_progress: Callable[[str], None] = lambda name: None,
 ) -> tuple[HypothesisFit, ...]:
     """The best single effect, pair and triple, as long as a larger set explains enough more.
 
@@ -78,7 +78,12 @@ def combine_effects(
         return ()
     firsts = [fit for fit in singles if fit.effects[-1].changes_motion]
     families = max(3, config.families // 2)
-    narrow = replace(budget, config=replace(config, families=families, places=1, starts=1, always_fitted=[]))
+    narrow = replace(
+        budget,
+        config=replace(config, families=families, places=1, starts=1, always_fitted=[]),
+        continued=2,
+        refined=1,
+    )
     freedom = problem.degrees_of_freedom
     gap = GapMeasure(freedom, budget.nominal, config)
     chain = [singles[0]]

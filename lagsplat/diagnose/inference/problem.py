@@ -100,11 +100,14 @@ class EstimationProblem:
         starts: np.ndarray | None = None,
         known: tuple[np.ndarray, np.ndarray] | None = None,
         prior: shooting.GaussianPrior | None = None,
+        *,
+        brief: bool = False,
     ) -> shooting.ShootingFit:
         """Fit the parameters of ``effects`` and the nuisance parameters by multiple shooting.
 
         It begins with ``x``, the parameters in this order, and with ``starts`` (W, 2 d), by default
-        `initial_states`. ``known`` are a nearby fit's derivatives by the nuisance parameters and the starts.
+        `initial_states`. ``known`` are a nearby fit's derivatives by the nuisance parameters and the starts,
+        ``brief`` is as in `fit_multiple_shooting`.
         """
         return shooting.fit_multiple_shooting(
             self.predict(effects),
@@ -115,6 +118,7 @@ class EstimationProblem:
             iterations=self.iterations,
             tolerance=self.tolerance,
             known=known,
+            brief=brief,
         )
 
 

@@ -11,7 +11,7 @@ from lagsplat.diagnose.augmented.model import build_augmented
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
-from lagsplat.diagnose.inference.model_selection import fit_candidate, score_test
+from lagsplat.diagnose.inference.model_selection import continue_fit, score_test, try_candidate
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
@@ -54,7 +54,8 @@ def offered(one: EstimationProblem, name: str) -> dict[str, PlacedEffect]:
 def best(one: EstimationProblem, offer: PlacedEffect):
     """The fit of one effect."""
     plain = one.fit((), np.zeros(one.rollout_model.nuisance.size))
-    return fit_candidate(one, (), plain, score_test(one, (), plain, [offer])[0], starts=2)
+    lead = score_test(one, (), plain, [offer])[0]
+    return continue_fit(one, try_candidate(one, (), plain, lead, starts=2))
 
 
 def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:

@@ -9,6 +9,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SIZES = np.geomspace(0.003, 3.0, 80)  # grid of the jitter [frames], for the maximum of the likelihood
 LEVELS = np.geomspace(0.05, 1.0, 16)  # grid of the remaining noise [assumed standard deviations]
+SPEEDS = 200  # groups of samples of nearly the same speed [count]
 INSIDE = 1.353  # nats below the best at which the 90 % interval of one parameter ends
 
 
@@ -40,10 +41,16 @@ def explain(
 def _gains(
     square: Float64[np.ndarray, " n"], fast: Float64[np.ndarray, " n"], even: float
 ) -> Float64[np.ndarray, "levels sizes"]:
-    """Nats by which noise of variance ``level + std^2 fast`` explains ``square`` better than even noise."""
-    sizes = np.concatenate([[0.0], SIZES])
+    """Nats by which noise of variance ``level + std^2 fast`` explains ``square`` better than even noise.
+
+    Samples of nearly the same speed are taken together, in at most `SPEEDS` groups.
+    """
+    sizes, order = np.concatenate([[0.0], SIZES]), np.argsort(fast)
+    begin = np.unique(np.linspace(0, len(fast), min(SPEEDS, len(fast)) + 1).astype(int))[:-1]
+    n = np.diff(np.append(begin, len(fast)))
+    fast, square = (np.add.reduceat(x[order], begin) / n for x in (fast, square))
     variance = (even * LEVELS)[:, None, None] + sizes[None, :, None] ** 2 * fast
-    return -0.5 * np.sum(square / variance + np.log(variance / even) - 1.0, axis=2)
+    return -0.5 * np.sum(n * (square / variance + np.log(variance / even) - 1.0), axis=2)
 
 
 EFFECT = SampleEffect(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.core.config import PROBLEM
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.dynamics import linear_stiffness
 from lagsplat.diagnose.inference.holdout import (
@@ -111,6 +112,21 @@ def test_the_floor_is_the_error_that_the_true_model_makes(
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
     errors = compute_relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
+
+
+def test_the_sim_moves_no_further_than_is_plausible(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
+    """Its own stiffness could be thirty per cent larger, if nobody asked how likely that is."""
+    one, none, true = made
+    half, deviation = split_windows(one)[0], one.rollout_model.nuisance.deviation
+    free = half.fit((), none.fit.x).x
+    bounded = fit_half(half, none)
+    limit = PROBLEM.max_squared_deviation
+    assert ((free / deviation) ** 2).sum() > 3.0 * limit
+    assert ((bounded / deviation) ** 2).sum() == pytest.approx(limit)
+    believed = half.fit(true.effects, true.fit.x).x
+    assert fit_half(half, true).tolist() == believed.tolist()
 
 
 def test_a_block_longer_than_what_is_held_out_is_refused(
