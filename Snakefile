@@ -30,6 +30,7 @@ include: "workflow/rules/guarantee.smk"
 include: "workflow/rules/tables.smk"
 include: "workflow/rules/gap_paths.smk"
 include: "workflow/rules/gap_blind.smk"
+include: "workflow/rules/calibration.smk"
 include: "workflow/rules/gap.smk"
 
 

@@ -58,6 +58,7 @@ ROOMS = (
     "diagnose.identification",
     "diagnose.simulators",
     "diagnose.inference",
+    "diagnose.verdict",
     "diagnose.augmented",
     "diagnose.imaging",
     "diagnose.diagnosis",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
 from lagsplat.chart.config import ChartConfig
-from lagsplat.diagnose.core.config import BlindConfig, DiagnoseConfig
+from lagsplat.diagnose.core.config import BlindConfig, CalibrationConfig, DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
@@ -21,7 +21,7 @@ GROUPS = (
     *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "matter", "stage2"),
     "baseline",
     *("forecaster", "ode", "authors", "deformation", "evaluate", "extrapolation", "forces", "render"),
-    *("views", "diagnose", "blind", "planted", "viewer"),
+    *("views", "diagnose", "blind", "calibration", "planted", "viewer"),
 )
 
 
@@ -89,6 +89,7 @@ class Config:
     """Pictures from other sides, by which Gaussians live in space; null trains on the film alone."""
     diagnose: DiagnoseConfig
     blind: BlindConfig
+    calibration: CalibrationConfig
     planted: PlantsConfig  # effects to be found again: what the second recordings of a simulated arm have
     viewer: ViewerConfig
 

@@ -205,6 +205,17 @@ def test_the_blind_check_predicts_every_batch_once_and_films_are_encoded_first(t
     }
 
 
+def test_the_calibration_measures_every_batch_once(tmp_path: Path) -> None:
+    size = "calibration.recordings=11 calibration.batch=4"
+    told = planned(tmp_path, "results/calibration/model.json", "--config", f"hydra=profile=toy {size}")
+    found = counts(told)
+    assert {name: found[name] for name in found if name.startswith("calibration")} == {
+        "calibration_make": 3,
+        "calibration_measure": 3,
+        "calibration": 1,
+    }
+
+
 def test_a_prediction_is_told_neither_the_key_nor_the_answers() -> None:
     text = (ROOT / "workflow/rules/gap_blind.smk").read_text(encoding="utf-8")
     rules = dict(part.split(":", 1) for part in text.split("\nrule ")[1:])

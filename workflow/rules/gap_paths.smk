@@ -20,9 +20,9 @@ wildcard_constraints:
     batch="[0-9]+",
 
 
-def made_of(script, *commands):
+def made_of(script, *commands, folder="gap"):
     """Digest of a script and of what it runs, taken when a job is planned and not before."""
-    return lambda wildcards: script_digest(SCRIPTS / f"gap/{script}.py", *commands)
+    return lambda wildcards: script_digest(SCRIPTS / folder / f"{script}.py", *commands)
 
 
 def key_file(wildcards):

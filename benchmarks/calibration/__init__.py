@@ -1,0 +1,1 @@
+"""Calibration of the verdict on recordings whose truth is known."""

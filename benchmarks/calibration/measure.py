@@ -1,0 +1,96 @@
+"""Measures of the alternatives on recordings whose truth is known, one line of JSON a recording.
+
+Run as ``python -m benchmarks.calibration.measure --split DIR --out FILE``, where ``DIR`` is a public split of
+`benchmarks.gapgen.make`. Every recording with an effect is measured a second time with this effect, and all
+that it can pass for, left out of the catalogue: there the right answer is `unknown`. A file that is there is
+continued.
+"""
+
+import argparse
+import json
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gapgen.answers import left_out
+from lagsplat.config.compose import compose, rebuild
+from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.verdict.alternatives import Alternatives, measure_alternatives
+from lagsplat.pipelines.diagnosis import run_diagnosis
+from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
+
+KEPT = (
+    "effects", "truth", "source", "system", "conditions", "d", "forced", "noise", "duration_s", "rate_hz",
+    "gap", "gap_ratio", "identifiable",
+)  # fmt: skip
+"""What a line keeps of the answer."""
+
+
+def pack_alternatives(alternatives: Alternatives) -> dict[str, Any]:
+    """Measures as JSON holds them, with the coordinate or input where each effect acts."""
+    rows = [
+        asdict(measures) | {"places": [str(placed.location) for placed in fit.effects]}
+        for measures, fit in zip(alternatives.measures, alternatives.fits, strict=True)
+    ]
+    shared = {name: getattr(alternatives, name) for name in ("nominal", "chance", "relaxed_log_evidence")}
+    return {"measures": rows, **shared}
+
+
+def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseConfig) -> dict[str, Any]:
+    """Diagnose one recording with the whole catalogue, and measure it again without its true effects."""
+    began = time.perf_counter()
+    row: dict[str, Any] = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}}
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
+        run = run_diagnosis(inputs, config, report_progress=lambda name: None)
+        row |= {"seconds": time.perf_counter() - began}
+        row |= {"verdict": run.diagnosis.verdict, "named": run.diagnosis.combination}
+        row["full"] = pack_alternatives(measure_alternatives(run.search))
+        names = {name for effect in truth["truth"] for name in effect["class"]}
+        if names - {"unknown"}:
+            without = run.search.leave_out(left_out(sorted(names)))
+            row["struck"] = pack_alternatives(measure_alternatives(without))
+    return row
+
+
+def measure_split(folder: Path, out: Path, config: DiagnoseConfig) -> None:
+    """Measure every recording of a split that ``out`` does not hold yet.
+
+    A recording that cannot be diagnosed gets a line with its ``error``.
+    """
+    lines = (folder / "answers.jsonl").read_text(encoding="utf-8").splitlines()
+    truths = sorted((json.loads(line) for line in lines), key=lambda truth: truth["id"])
+    known = set()
+    if out.exists():
+        known = {json.loads(line)["id"] for line in out.read_text(encoding="utf-8").splitlines()}
+    for truth in truths:
+        if truth["id"] in known:
+            continue
+        try:
+            row = measure_recording(folder / "data" / truth["id"], truth, config)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            row = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}, "error": str(error)}
+        with out.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(row) + "\n")
+
+
+def main(argv: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--split", type=Path, required=True, help="folder of a public split")
+    parser.add_argument("--out", type=Path, required=True, help="file of measures, continued if it is there")
+    parser.add_argument("--settings", help="settings of the diagnosis as JSON, by default conf/diagnose")
+    args = parser.parse_args(argv)
+    config = rebuild(DiagnoseConfig, json.loads(args.settings)) if args.settings else compose().diagnose
+    measure_split(args.split, args.out, config)
+
+
+if __name__ == "__main__":
+    main()

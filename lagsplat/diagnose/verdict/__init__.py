@@ -1,0 +1,1 @@
+"""Measures of the alternatives of a verdict, and a calibrated choice between them."""

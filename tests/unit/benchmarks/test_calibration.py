@@ -1,0 +1,128 @@
+"""The calibration of the verdict: what is right in a measured recording, and fits that leave things out."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.calibration.choices import label_rows, read_rows, unpack_alternatives
+from benchmarks.calibration.fit import GROUPS, predict_left_out, summarize
+from benchmarks.calibration.fit import main as fit
+from benchmarks.calibration.measure import measure_split, pack_alternatives
+from benchmarks.gapgen.make import main as make
+from lagsplat.config.compose import compose
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel
+from lagsplat.diagnose.verdict.features import NAMES, compute_features
+from tests.unit.diagnose.verdict.made_alternatives import NONE, alternatives, effect
+
+
+def truth(name: str, *others: str) -> dict[str, Any]:
+    return {"name": name, "kind": name, "class": [name, *others]}
+
+
+def row(made: Any, *true: dict[str, Any], **more: Any) -> dict[str, Any]:
+    answer = {"truth": list(true), "identifiable": True, "source": "own", "gap_ratio": 5.0}
+    one = {"id": f"{len(made.measures):06x}", "verdict": more.pop("verdict", "effect")}
+    return one | {"answer": {**answer, **more}, "full": pack_alternatives(made)}
+
+
+def right_names(one: dict[str, Any]) -> list[tuple[str, ...]]:
+    (labelled,) = label_rows([one])
+    return [n for n, right in zip(labelled.names, labelled.choice.right, strict=True) if right]
+
+
+MADE = alternatives(effect("creep"), effect("input_lag"), effect("creep", "input_lag"), effect("end_stop"))
+
+
+def test_alternatives_are_the_same_after_packing() -> None:
+    there = unpack_alternatives(json.loads(json.dumps(pack_alternatives(MADE))))
+    assert there.measures == MADE.measures
+    assert np.array_equal(compute_features(there), compute_features(MADE))
+
+
+def test_what_is_right_depends_on_the_truth() -> None:
+    assert right_names(row(MADE)) == [("none",)]
+    assert right_names(row(MADE, truth("input_lag"))) == [("input_lag",)]
+    assert right_names(row(MADE, truth("input_lag", "end_stop"))) == [("input_lag",), ("end_stop",)]
+    assert right_names(row(MADE, truth("creep"), truth("input_lag"))) == [("creep", "input_lag")]
+    assert right_names(row(MADE, truth("unknown"))) == [("unknown",)]
+    # of a pair that was not found whole, either half is as right as can be
+    halves = alternatives(effect("creep"), effect("input_lag"), effect("end_stop"))
+    assert right_names(row(halves, truth("creep"), truth("end_stop"))) == [("creep",), ("end_stop",)]
+    assert right_names(row(MADE, truth("hysteresis"))) == []
+
+
+def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
+    one = row(MADE, truth("creep")) | {"struck": pack_alternatives(alternatives(effect("end_stop")))}
+    whole, struck = label_rows([one])
+    assert (whole.kind, struck.kind) == ("single", "struck")
+    assert struck.names[int(struck.choice.right.argmax())] == ("unknown",)
+    assert struck.choice.weight < whole.choice.weight
+    assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
+    assert label_rows([row(MADE, truth("creep"), verdict="undetermined")]) == []
+
+
+def draw_poor(rng: np.random.Generator) -> dict[str, float]:
+    """An effect that leaves most of the gap."""
+    return {"misfit": rng.uniform(3.0, 8.0), "error": rng.uniform(0.05, 0.12), "log_evidence": 40.0}
+
+
+def draw_rows(n: int) -> list[dict[str, Any]]:
+    """Recordings in which the right effect explains all, and what is there else explains little."""
+    rng, rows = np.random.default_rng(0), []
+    names = ("creep", "input_lag", "end_stop", "hysteresis")
+    for i in range(n):
+        true = names[i % 4]
+        others = [effect(name, **draw_poor(rng)) for name in names if name != true]
+        quiet = effect(true, misfit=1.0, error=0.0201, log_evidence=-2.0)
+        still = alternatives(quiet, none=effect("none", misfit=1.0, error=0.02, log_evidence=0.0))
+        there, source = alternatives(effect(true), *others), ("own", "mujoco", "textbook")[i % 3]
+        kinds = [
+            row(still, source=source),
+            row(there, truth(true), source=source) | {"struck": pack_alternatives(alternatives(*others))},
+        ]
+        rows += [{**one, "id": f"{17 * i + k:06x}"} for k, one in enumerate(kinds)]
+    return rows
+
+
+def test_what_was_left_out_is_predicted_by_the_rest() -> None:
+    labelled = label_rows(draw_rows(40))
+    for group in GROUPS.values():
+        found = {name: value for name, value, *_ in summarize(labelled, predict_left_out(labelled, group))}
+        assert found["right, single"] > 0.9
+        assert found["right, none"] > 0.9
+        assert found["right, struck"] > 0.9
+        assert found["calibration error"] < 0.15
+
+
+def test_a_model_is_written_with_a_weight_for_every_feature(tmp_path: Path) -> None:
+    files = []
+    for part in range(2):
+        files.append(tmp_path / f"{part}.jsonl")
+        files[-1].write_text("".join(json.dumps(one) + "\n" for one in draw_rows(24)[part::2]))
+    fit([*map(str, files), "--out", str(tmp_path / "out")])
+    weights = json.loads((tmp_path / "out" / "model.json").read_text())["weights"]
+    assert set(weights) == set(NAMES)
+    model = ChoiceModel(NAMES, np.array([weights[name] for name in NAMES]))
+    chances = np.exp(model.log_probabilities(compute_features(alternatives(effect("creep"), none=NONE))))
+    assert chances.argmax() == 1
+    told = (tmp_path / "out" / "validation.csv").read_text()
+    assert told.count("right, struck") == 3
+
+
+@pytest.mark.slow
+def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) -> None:
+    split, out = tmp_path / "split", tmp_path / "measures.jsonl"
+    make(["--split", "t", "--key", "k", "--n", "2", "--out", str(split), "--systems", "d1", "--jobs", "1"])
+    measure_split(split, out, compose("profile=toy").diagnose)
+    rows = read_rows([out])
+    assert len(rows) == 2
+    for one in rows:
+        assert one["full"]["measures"][0]["names"] == []
+        names = {name for effect in one["answer"]["truth"] for name in effect["class"]}
+        assert ("struck" in one) == bool(names - {"unknown"})
+    before = out.read_text()
+    measure_split(split, out, compose("profile=toy").diagnose)
+    assert out.read_text() == before
