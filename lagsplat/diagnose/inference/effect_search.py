@@ -4,12 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.inference.model_selection import (
-    ModelRanking,
-    SearchBudget,
-    rank_hypotheses,
-    refit_hypotheses,
-)
+from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.posterior import combine_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
 from lagsplat.diagnose.inference.robustness import inflate_noise
@@ -43,13 +38,13 @@ def search_effects(
 ) -> EffectSearch:
     """Fit single effects, then sets of two and three.
 
-    Where no effect fits, the noise is larger than it was taken for, and fits are continued under it.
+    Where no effect fits, the noise is larger than it was taken for, and all are fitted again under it.
     """
     ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
     sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
     inflated = inflate_noise(problem, budget, sets[-1] if sets else ranking.none)
     if inflated is not None:
         problem, budget = inflated
-        ranking = refit_hypotheses(problem, ranking, candidates, budget)
+        ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
         sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
     return EffectSearch(problem, tuple(candidates), budget, ranking, sets)

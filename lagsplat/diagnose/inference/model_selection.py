@@ -194,21 +194,6 @@ def rank_hypotheses(
     return finish_fits(problem, base, found, candidates, budget)
 
 
-def refit_hypotheses(
-    problem: EstimationProblem,
-    ranking: ModelRanking,
-    candidates: Sequence[PlacedEffect],
-    budget: SearchBudget,
-) -> ModelRanking:
-    """Fit all hypotheses of a ranking again, from where they are, to a problem with other noise."""
-    n = problem.rollout_model.nuisance.size
-    base = refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
-    short = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
-    moving = [hypothesis for hypothesis in ranking.found if not hypothesis.moves_samples]
-    found = [continue_fit(short, hypothesis, brief=True) for hypothesis in moving]
-    return finish_fits(problem, base, found, candidates, budget)
-
-
 def finish_fits(
     problem: EstimationProblem,
     base: HypothesisFit,
@@ -341,9 +326,7 @@ def try_candidate(
     return HypothesisFit(together, min(fits, key=lambda fit: fit.cost))
 
 
-def continue_fit(
-    problem: EstimationProblem, hypothesis: HypothesisFit, *, brief: bool = False
-) -> HypothesisFit:
+def continue_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
     """Continue a fit to the iterations and the tolerance of the problem."""
     fit, near = hypothesis.fit, hypothesis.nearby_slopes
-    return replace(hypothesis, fit=problem.fit(hypothesis.effects, fit.x, fit.starts, near, brief=brief))
+    return replace(hypothesis, fit=problem.fit(hypothesis.effects, fit.x, fit.starts, near))
