@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,16 @@ from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
 
-STRUCK_WEIGHT = 0.5  # of a recording without its true effect: it stands beside the same one with it
+SHARED = ("nominal", "chance", "relaxed_log_evidence")  # what all alternatives of a recording have in common
+LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: it stands beside the same one with it
 
 
 @dataclass(frozen=True)
 class LabelledChoice:
     """A choice, where it comes from and what is true of it.
 
-    ``names`` are the alternatives, ``kind`` is "none", "single", "pair", "outside" or "struck", ``families``
-    the names of the true effects, which a fit without these families leaves out.
+    ``names`` are the alternatives; ``kind`` is "none", "single", "pair", "outside" (of the catalogue) or
+    "left_out" (the true effect is not in the catalogue); ``families`` are the names of the true effects.
     """
 
     choice: Choice
@@ -29,7 +30,6 @@ class LabelledChoice:
     source: str
     recording: str
     families: frozenset[str]
-    gap_ratio: float
 
 
 def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
@@ -39,14 +39,22 @@ def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
     return sorted((row for row in rows if "full" in row), key=lambda row: str(row["id"]))
 
 
+def pack_alternatives(alternatives: Alternatives) -> dict[str, Any]:
+    """Measures as JSON holds them, with the coordinate or input where each effect acts."""
+    rows = [
+        asdict(measures) | {"places": [str(placed.location) for placed in fit.effects]}
+        for measures, fit in zip(alternatives.measures, alternatives.fits, strict=True)
+    ]
+    return {"measures": rows, **{name: getattr(alternatives, name) for name in SHARED}}
+
+
 def unpack_alternatives(packed: Mapping[str, Any]) -> Alternatives:
     """Alternatives without their fits."""
     measures = []
     for row in packed["measures"]:
         numbers = {name: value for name, value in row.items() if name != "places"}
         measures.append(Measures(**{**numbers, "names": tuple(row["names"])}))
-    shared = {name: packed[name] for name in ("nominal", "chance", "relaxed_log_evidence")}
-    return Alternatives(tuple(measures), (), **shared)
+    return Alternatives(tuple(measures), (), **{name: packed[name] for name in SHARED})
 
 
 def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
@@ -63,8 +71,8 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
         kind = "none" if not truth else "outside" if outside else "pair" if len(truth) > 1 else "single"
         labelled.append(_label(row, "full", kind))
-        if "struck" in row:
-            labelled.append(_label(row, "struck", "struck"))
+        if "left_out" in row:
+            labelled.append(_label(row, "left_out", "left_out"))
     return labelled
 
 
@@ -73,12 +81,12 @@ def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
     names = (("none",), *(m.names for m in alternatives.measures[1:]), ("unknown",))
     if kind == "none":
         right = np.array([name == ("none",) for name in names])
-    elif kind in ("outside", "struck"):
+    elif kind in ("outside", "left_out"):
         right = np.array([name == ("unknown",) for name in names])
     else:
         score = np.array([_score_names(name, answer["truth"]) for name in names])
         right = (score > 0.0) & (score > score.max() - 1e-9)
-    weight = STRUCK_WEIGHT if kind == "struck" else 1.0
+    weight = LEFT_OUT_WEIGHT if kind == "left_out" else 1.0
     return LabelledChoice(
         Choice(compute_features(alternatives), right, weight),
         names,
@@ -86,7 +94,6 @@ def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
         answer["source"] or "own",
         row["id"],
         frozenset(effect["kind"] for effect in answer["truth"]),
-        answer["gap_ratio"],
     )
 
 

@@ -21,7 +21,7 @@ from lagsplat.io.files.atomic import save_json
 
 RIDGE = 1.0  # precision of the prior of a weight on a feature of unit size; one recording weighs as much
 FOLDS = 10
-KINDS = ("single", "pair", "none", "outside", "struck")
+KINDS = ("single", "pair", "none", "outside", "left_out")
 
 
 def fit_weights(labelled: Sequence[LabelledChoice]) -> ChoiceModel:
@@ -62,7 +62,7 @@ def summarize(
 ) -> list[tuple[str, float, float, float, int]]:
     """Shares with Wilson's intervals, and the calibration error of the first name."""
     rows = []
-    hits = {kind: [] for kind in KINDS}  # type: dict[str, list[bool]]
+    hits: dict[str, list[bool]] = {kind: [] for kind in KINDS}
     unnamed: list[bool] = []
     sure, right = [], []
     for each, p in zip(labelled, chances, strict=True):
@@ -71,7 +71,7 @@ def summarize(
         hits[each.kind].append(hit)
         if each.kind == "single":
             unnamed.append(each.names[first] == ("unknown",))
-        if each.kind != "struck":
+        if each.kind != "left_out":
             sure.append(float(p[each.choice.right].sum() if hit else p[first]))
             right.append(hit)
     for kind in KINDS:

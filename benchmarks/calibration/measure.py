@@ -11,16 +11,16 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.calibration.choices import pack_alternatives
 from benchmarks.gapgen.answers import left_out
 from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.verdict.alternatives import Alternatives, measure_alternatives
+from lagsplat.diagnose.verdict.alternatives import measure_alternatives
 from lagsplat.pipelines.diagnosis import run_diagnosis
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
@@ -31,31 +31,20 @@ KEPT = (
 """What a line keeps of the answer."""
 
 
-def pack_alternatives(alternatives: Alternatives) -> dict[str, Any]:
-    """Measures as JSON holds them, with the coordinate or input where each effect acts."""
-    rows = [
-        asdict(measures) | {"places": [str(placed.location) for placed in fit.effects]}
-        for measures, fit in zip(alternatives.measures, alternatives.fits, strict=True)
-    ]
-    shared = {name: getattr(alternatives, name) for name in ("nominal", "chance", "relaxed_log_evidence")}
-    return {"measures": rows, **shared}
-
-
 def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseConfig) -> dict[str, Any]:
     """Diagnose one recording with the whole catalogue, and measure it again without its true effects."""
     began = time.perf_counter()
-    row: dict[str, Any] = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
         run = run_diagnosis(inputs, config, report_progress=lambda name: None)
-        row |= {"seconds": time.perf_counter() - began}
+        row: dict[str, Any] = {"seconds": time.perf_counter() - began}
         row |= {"verdict": run.diagnosis.verdict, "named": run.diagnosis.combination}
         row["full"] = pack_alternatives(measure_alternatives(run.search))
         names = {name for effect in truth["truth"] for name in effect["class"]}
         if names - {"unknown"}:
             without = run.search.leave_out(left_out(sorted(names)))
-            row["struck"] = pack_alternatives(measure_alternatives(without))
+            row["left_out"] = pack_alternatives(measure_alternatives(without))
     return row
 
 
@@ -72,10 +61,11 @@ def measure_split(folder: Path, out: Path, config: DiagnoseConfig) -> None:
     for truth in truths:
         if truth["id"] in known:
             continue
+        row: dict[str, Any] = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}}
         try:
-            row = measure_recording(folder / "data" / truth["id"], truth, config)
+            row |= measure_recording(folder / "data" / truth["id"], truth, config)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            row = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}, "error": str(error)}
+            row["error"] = str(error)
         with out.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(row) + "\n")
 

@@ -1,6 +1,7 @@
 """Motion of a mechanism with its withheld effects, clip by clip, and what a camera and a clock make of it."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,9 @@ class Clip:
 @dataclass
 class World:
     """A mechanism and its effects in the form the integrator takes."""
+
+    operators_of_model: ClassVar[tuple[str, ...]] = ()
+    """Operators on inputs that the mechanism's own model holds."""
 
     mechanism: Mechanism
     effects: list[Effect] = field(default_factory=list)
@@ -95,7 +99,8 @@ class World:
         fine = on_half_steps(u, n_sub)
         for effect in self.effects:
             for j, name, numbers in effect.operators:
-                fine[:, j] = through_actuator(fine[:, j].copy(), name, numbers, 0.5 * dt_s / n_sub)
+                if name not in self.operators_of_model:
+                    fine[:, j] = through_actuator(fine[:, j].copy(), name, numbers, 0.5 * dt_s / n_sub)
         return fine
 
     def move(self, plan: Plan) -> list[Clip]:

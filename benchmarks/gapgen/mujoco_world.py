@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from benchmarks.gapgen import laws
 from benchmarks.gapgen.effect import Effect
-from benchmarks.gapgen.inputs import on_half_steps, through_actuator
 from benchmarks.gapgen.mechanisms import Mechanism, draw_spread
 from benchmarks.gapgen.motion import CORNERED, SHARP, World
 from benchmarks.gapgen.mujoco_steps import run_mujoco, stepping_functions
@@ -106,6 +105,8 @@ class MujocoMechanism(Mechanism):
 class MujocoWorld(World):
     """A mechanism of MuJoCo and its effects; moves and forecasts as :class:`World` does."""
 
+    operators_of_model = ("gain",)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self.model = self.mechanism.build()
@@ -127,15 +128,6 @@ class MujocoWorld(World):
             elif law in SHARP or law in CORNERED:
                 step = min(step, 1e-3 / self.own_hz[i])
         return max(1, int(np.ceil(dt_s / step)))
-
-    def drive(self, u: Array, dt_s: float, n_sub: int) -> Array:
-        """What the inputs (T, n_u) have become where they act, at half steps; gains are gears."""
-        fine = on_half_steps(u, n_sub)
-        for effect in self.effects:
-            for j, name, numbers in effect.operators:
-                if name != "gain":
-                    fine[:, j] = through_actuator(fine[:, j].copy(), name, numbers, 0.5 * dt_s / n_sub)
-        return fine
 
     def _run(self, x0: Array, t0: float, dt_s: float, n: int, n_sub: int, fine: Array) -> Array:
         self.model.opt.timestep = dt_s / n_sub

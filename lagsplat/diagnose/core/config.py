@@ -446,8 +446,10 @@ class PROBLEM:
 class SELECTION:
     """Search over effects, sets of several effects, and their fits."""
 
-    trial_iterations: int = 4  # iterations after which fits are compared, and the poor ones given up [count]
-    continued_fits: int = 8  # best fits that are continued [count]
+    trial_iterations: int = 4  # iterations after which fits are compared and poor ones given up; 9b038105
+    continued_fits: int = 8  # best fits that are continued [count]; 9b038105
+    continued_sets: int = 2  # the same where a further effect is sought [count]; 9b038105
+    refined_sets: int = 1  # of these, fits that are refined to convergence [count]; 9b038105
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78
     refined_iterations: int = 5  # iterations of a refined fit, over those of the first fit [1]; c12aa78
     refined_tolerance: float = 0.03  # tolerance of a refined fit, over that of the first fit [1]; c12aa78

@@ -203,9 +203,6 @@ class HoldoutForecasts:
     blocks: tuple[Block, ...]
     before: np.ndarray
     floor: np.ndarray
-    beyond_refit: Interval
-    """Share of the gap above the floor that the chosen effects close beyond what a refit closes."""
-    refit_over_floor: Interval  # error after a refit over that of a true law [1]
 
 
 def forecast_holdout(
@@ -228,7 +225,7 @@ def forecast_holdout(
         "refit": held_out.forecast(none),
         "after": held_out.forecast(chosen),
     }
-    before, refit, after = (forecast.squares for forecast in forecasts.values())
+    before, after = (forecasts[name].squares for name in ("before", "after"))
     floor, rms = forecasts["after"].floor, held_out.rms
     gap = Gap(
         **{name: float(np.sqrt(np.mean(forecast.squares))) for name, forecast in forecasts.items()},
@@ -244,18 +241,7 @@ def forecast_holdout(
         time_s = record.time[start : start + length] + record.shifts_s[number]
         sim, augmented = (forecasts[name].y[i] for name in ("before", "after"))
         rows.append(Block(record.files[number], i, time_s, held_out.real[i], sim, augmented))
-
-    def measure_share(b: np.ndarray, r: np.ndarray, a: np.ndarray, f: np.ndarray) -> np.ndarray:
-        return (r - a) / np.maximum(b - f, 1e-12)
-
-    return HoldoutForecasts(
-        gap,
-        tuple(rows),
-        before,
-        floor,
-        bootstrap_blocks(measure_share, np.maximum(before, refit), refit, after, floor),
-        bootstrap_blocks(lambda r, f: r / np.maximum(f, 1e-12), refit, floor),
-    )
+    return HoldoutForecasts(gap, tuple(rows), before, floor)
 
 
 def estimate_single_closure(

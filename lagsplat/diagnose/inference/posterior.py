@@ -81,8 +81,8 @@ def combine_effects(
     narrow = replace(
         budget,
         config=replace(config, families=families, places=1, starts=1, always_fitted=[]),
-        continued=2,
-        refined=1,
+        continued=SELECTION.continued_sets,
+        refined=SELECTION.refined_sets,
     )
     freedom = problem.degrees_of_freedom
     gap = GapMeasure(freedom, budget.nominal, config)

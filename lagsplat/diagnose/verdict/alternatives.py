@@ -55,6 +55,21 @@ class Alternatives:
     chance: float  # standard deviation of a mean square residual, relative [1]
     relaxed_log_evidence: float  # log evidence over `none` of the sim with relaxed priors [nat]
 
+    @property
+    def best(self) -> Measures:
+        """The alternative with the most evidence; `none`, whose log evidence is zero, is one."""
+        return max(self.measures, key=lambda m: m.log_evidence)
+
+    @property
+    def least_misfit(self) -> float:
+        """The least mean square residual [noise variances]."""
+        return min(m.misfit for m in self.measures)
+
+    @property
+    def least_error(self) -> float:
+        """The least held-out error [rms of each coordinate]."""
+        return min(m.error for m in self.measures)
+
 
 def measure_alternatives(search: EffectSearch) -> Alternatives:
     """Measure `none`, each effect at its best place, and the sets of several effects."""

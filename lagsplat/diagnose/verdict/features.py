@@ -1,7 +1,5 @@
 """Features of the alternatives of a verdict: measures on scales on which a linear model can weigh them."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float64
 
@@ -56,46 +54,44 @@ def _fit_quality(alternatives: Alternatives, m: Measures) -> list[float]:
 
 
 def _of_effects(alternatives: Alternatives, m: Measures) -> list[float]:
-    every: Sequence[Measures] = alternatives.measures
-    most = max(0.0, *(each.log_evidence for each in every))
+    evidence = float(np.log1p(max(m.log_evidence, 0.0)))
     return [
         1.0,
         *_fit_quality(alternatives, m),
-        float(np.log(m.misfit / min(each.misfit for each in every))),
+        float(np.log(m.misfit / alternatives.least_misfit)),
         float(np.log(m.error / m.floor)),
-        float(np.log(m.error / min(each.error for each in every))),
-        float(np.log(every[0].error / m.error)),
+        float(np.log(m.error / alternatives.least_error)),
+        float(np.log(alternatives.measures[0].error / m.error)),
         float(np.arcsinh(m.gain_z)),
-        float(np.log1p(max(m.log_evidence, 0.0))),
-        float(np.log1p(most - m.log_evidence)),
+        evidence,
+        float(np.log1p(alternatives.best.log_evidence - m.log_evidence)),
         float(m.parameters),
         float(np.log1p(m.surprise)),
         float(np.log(m.memory)),
         float(np.log1p(m.refit_penalty)),
         float(len(m.names) - 1),
         float(m.single_samples),
-        float(m.single_samples) * float(np.log1p(max(m.log_evidence, 0.0))),
+        float(m.single_samples) * evidence,
         float(m.flexible),
         1.0 - m.recurrence,
     ]
 
 
 def _of_none(alternatives: Alternatives) -> list[float]:
-    none, every = alternatives.measures[0], alternatives.measures
+    none = alternatives.measures[0]
     return [
         1.0,
         *_fit_quality(alternatives, none),
         float(np.log(none.error / none.floor)),
-        float(np.log(none.error / min(each.error for each in every))),
-        float(np.arcsinh(max(each.gain_z for each in every))),
-        float(np.log1p(max(0.0, *(each.log_evidence for each in every)))),
+        float(np.log(none.error / alternatives.least_error)),
+        float(np.arcsinh(max(m.gain_z for m in alternatives.measures))),
+        float(np.log1p(alternatives.best.log_evidence)),
         float(np.log1p(none.refit_penalty)),
     ]
 
 
 def _of_unknown(alternatives: Alternatives) -> list[float]:
-    none = alternatives.measures[0]
-    best = max(alternatives.measures, key=lambda m: m.log_evidence)
+    none, best = alternatives.measures[0], alternatives.best
     before, after = (max(m.misfit - alternatives.nominal, 1e-3) for m in (none, best))
     lead = alternatives.relaxed_log_evidence - best.log_evidence
     return [

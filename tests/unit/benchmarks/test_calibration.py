@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.calibration.choices import label_rows, read_rows, unpack_alternatives
+from benchmarks.calibration.choices import label_rows, pack_alternatives, read_rows, unpack_alternatives
 from benchmarks.calibration.fit import GROUPS, predict_left_out, summarize
 from benchmarks.calibration.fit import main as fit
-from benchmarks.calibration.measure import measure_split, pack_alternatives
+from benchmarks.calibration.measure import measure_split
 from benchmarks.gapgen.make import main as make
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel
@@ -23,7 +23,7 @@ def truth(name: str, *others: str) -> dict[str, Any]:
 
 
 def row(made: Any, *true: dict[str, Any], **more: Any) -> dict[str, Any]:
-    answer = {"truth": list(true), "identifiable": True, "source": "own", "gap_ratio": 5.0}
+    answer = {"truth": list(true), "identifiable": True, "source": "own"}
     one = {"id": f"{len(made.measures):06x}", "verdict": more.pop("verdict", "effect")}
     return one | {"answer": {**answer, **more}, "full": pack_alternatives(made)}
 
@@ -55,11 +55,11 @@ def test_what_is_right_depends_on_the_truth() -> None:
 
 
 def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
-    one = row(MADE, truth("creep")) | {"struck": pack_alternatives(alternatives(effect("end_stop")))}
-    whole, struck = label_rows([one])
-    assert (whole.kind, struck.kind) == ("single", "struck")
-    assert struck.names[int(struck.choice.right.argmax())] == ("unknown",)
-    assert struck.choice.weight < whole.choice.weight
+    one = row(MADE, truth("creep")) | {"left_out": pack_alternatives(alternatives(effect("end_stop")))}
+    whole, removed = label_rows([one])
+    assert (whole.kind, removed.kind) == ("single", "left_out")
+    assert removed.names[int(removed.choice.right.argmax())] == ("unknown",)
+    assert removed.choice.weight < whole.choice.weight
     assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
     assert label_rows([row(MADE, truth("creep"), verdict="undetermined")]) == []
 
@@ -81,7 +81,7 @@ def draw_rows(n: int) -> list[dict[str, Any]]:
         there, source = alternatives(effect(true), *others), ("own", "mujoco", "textbook")[i % 3]
         kinds = [
             row(still, source=source),
-            row(there, truth(true), source=source) | {"struck": pack_alternatives(alternatives(*others))},
+            row(there, truth(true), source=source) | {"left_out": pack_alternatives(alternatives(*others))},
         ]
         rows += [{**one, "id": f"{17 * i + k:06x}"} for k, one in enumerate(kinds)]
     return rows
@@ -93,7 +93,7 @@ def test_what_was_left_out_is_predicted_by_the_rest() -> None:
         found = {name: value for name, value, *_ in summarize(labelled, predict_left_out(labelled, group))}
         assert found["right, single"] > 0.9
         assert found["right, none"] > 0.9
-        assert found["right, struck"] > 0.9
+        assert found["right, left_out"] > 0.9
         assert found["calibration error"] < 0.15
 
 
@@ -109,7 +109,7 @@ def test_a_model_is_written_with_a_weight_for_every_feature(tmp_path: Path) -> N
     chances = np.exp(model.log_probabilities(compute_features(alternatives(effect("creep"), none=NONE))))
     assert chances.argmax() == 1
     told = (tmp_path / "out" / "validation.csv").read_text()
-    assert told.count("right, struck") == 3
+    assert told.count("right, left_out") == 3
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) ->
     for one in rows:
         assert one["full"]["measures"][0]["names"] == []
         names = {name for effect in one["answer"]["truth"] for name in effect["class"]}
-        assert ("struck" in one) == bool(names - {"unknown"})
+        assert ("left_out" in one) == bool(names - {"unknown"})
     before = out.read_text()
     measure_split(split, out, compose("profile=toy").diagnose)
     assert out.read_text() == before
