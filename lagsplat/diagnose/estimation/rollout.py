@@ -100,7 +100,7 @@ class RolloutModel:
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
         roll_out_batch(
-            (basis.kind, basis.order, basis.centre, basis.scale),
+            (basis.kind, basis.order, basis.centre, basis.scale, *basis.derivatives),
             (*coefficients, model.width, model.rest),
             laws,
             along,

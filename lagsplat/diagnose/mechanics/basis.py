@@ -5,6 +5,7 @@ integer combination of angles. Functions are sorted by degree, so that a coarser
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import no_type_check
 
@@ -32,6 +33,25 @@ class Basis:
     def first(self, k: int) -> "Basis":
         """The basis of the first ``k`` functions."""
         return replace(self, kind=self.kind[:k], order=self.order[:k])
+
+    @cached_property
+    def derivatives(self) -> tuple[Int64[np.ndarray, "d K"], Float64[np.ndarray, "d K"]]:
+        """The derivative of each function by each coordinate: another function of the basis, and a factor.
+
+        Raises:
+            ValueError: a derivative is not in the basis.
+        """
+        number = {(kind, *order): k for k, (kind, order) in enumerate(zip(self.kind, self.order.tolist()))}
+        target, factor = np.zeros(self.order.T.shape, np.int64), np.zeros(self.order.T.shape)
+        for k, (kind, order) in enumerate(zip(self.kind, self.order.tolist(), strict=True)):
+            for i in np.flatnonzero(order):
+                lower = [e - (j == i) for j, e in enumerate(order)] if kind == POWER else order
+                name = ({POWER: POWER, COSINE: SINE, SINE: COSINE}[kind], *lower)
+                if name not in number:
+                    raise ValueError(f"function {k} of the basis has a derivative that is none of its functions")
+                target[i, k] = number[name]
+                factor[i, k] = order[i] / self.scale[i] if kind == POWER else order[i] * (2 * kind - 3)
+        return target, factor
 
     def values(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N K"]:
         """``phi_k(q_n)``."""

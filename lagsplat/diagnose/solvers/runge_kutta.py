@@ -14,7 +14,7 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import float64, njit, prange, types
 
-from lagsplat.diagnose.mechanics.basis import evaluate_basis, find_highest_power
+from lagsplat.diagnose.mechanics.basis import COSINE, POWER, evaluate_basis
 
 VECTOR, MATRIX, CUBE = float64[::1], float64[:, ::1], float64[:, :, ::1]
 FORCE_LAW_SIGNATURE = float64(float64, float64, float64, float64, float64, VECTOR, VECTOR, VECTOR)
@@ -25,6 +25,7 @@ MEMORY_SIGNATURE = types.void(
 """Signature of `integrate_memory`, which takes any law and is so compiled once."""
 DIVERGED_SCALES = 1e6  # distance from rest beyond which a rollout has diverged [scale of the coordinate]
 MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
+SIDE_BY_SIDE = 64  # rollouts that one thread steps side by side [count]: their scratch fits the inner caches
 MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not positive gives no NaN
 
 
@@ -119,44 +120,250 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
                     rate[d + j] -= state[d + n] * change * state[d + i]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
-def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, scratch):
-    """Write the rate of ``state``: coordinates, velocities and the force laws' memories, slot after slot."""
-    phi, slope, work, m, powers = scratch
-    rest = fields[7]
+def _evaluate_wave(order, k, waves, phi, real, imaginary):
+    """Write cosine and sine of the sum of ``order[k]`` times the angles into these rows of ``phi``."""
+    n = phi.shape[1]
+    for r in range(n):
+        phi[real, r], phi[imaginary, r] = 1.0, 0.0
+    for i in range(order.shape[1]):
+        sign = 1.0 if order[k, i] > 0 else -1.0
+        for _ in range(abs(order[k, i])):
+            for r in range(n):
+                before, c, s = phi[real, r], waves[0, i, r], sign * waves[1, i, r]
+                phi[real, r] = before * c - phi[imaginary, r] * s
+                phi[imaginary, r] = phi[imaginary, r] * c + before * s
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _evaluate_basis(basis, q, x, waves, phi):
+    """Write the functions (K, R) at the points ``q`` (d, R); ``x`` (d, R) and ``waves`` (2, d, R) are scratch.
+
+    A monomial is a coordinate times its derivative, which comes before it.
+    """
+    kind, order, centre, scale, target, _ = basis
+    (k_all, d), n = order.shape, q.shape[1]
+    for i in range(d):
+        middle, factor = centre[i], 1.0 / scale[i]
+        for r in range(n):
+            x[i, r] = (q[i, r] - middle) * factor
+        for r in range(n if kind[k_all - 1] != POWER else 0):
+            waves[0, i, r], waves[1, i, r] = math.cos(q[i, r]), math.sin(q[i, r])
+    for k in range(k_all):
+        i = 0
+        while i < d - 1 and order[k, i] == 0:
+            i += 1
+        lower = target[i, k]
+        if order[k, i] == 0:
+            for r in range(n):
+                phi[k, r] = 1.0
+        elif kind[k] == POWER:
+            for r in range(n):
+                phi[k, r] = phi[lower, r] * x[i, r]
+        elif kind[k] == COSINE:
+            _evaluate_wave(order, k, waves, phi, k, lower)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"}, inline="always")
+@no_type_check
+def _sum_products(a, b, out):
+    """Write the sums over the first axis of ``a * b`` (K, R), as far as ``a`` goes."""
+    for r in range(len(out)):
+        out[r] = a[0, r] * b[0, r]
+    for k in range(1, a.shape[0]):
+        for r in range(len(out)):
+            out[r] += a[k, r] * b[k, r]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _compute_forces(fields, phi, state, u, rate, work, m, a):
+    """Write velocities and forces of the simulator into ``rate`` (2 d, R), its mass (d, d, R) into ``m``.
+
+    ``work`` (2 d, R) gets the conservative and the actuated forces; ``a`` (R,) is scratch.
+    """
+    mass, mass_slope, damping, slope, input_map, dry, drag, width = fields
+    d, n, dry_anywhere = m.shape[0], len(a), dry.any()
+    for i in range(d):
+        _sum_products(slope[i], phi, a)
+        for r in range(n):
+            v = state[d + i, r]
+            rate[i, r], work[i, r], work[d + i, r] = v, -a[r], 0.0
+            rate[d + i, r] = -a[r] - drag[i, r] * abs(v) * v
+        for c in range(input_map.shape[0]):
+            _sum_products(input_map[c, i], phi, a)
+            for r in range(n):
+                work[d + i, r] += a[r] * u[c, r]
+        for r in range(n):
+            rate[d + i, r] += work[d + i, r]
+        for r in range(n if dry_anywhere else 0):
+            rate[d + i, r] -= dry[i, r] * math.tanh(state[d + i, r] / width[i])
+        for j in range(d):
+            _sum_products(damping[i, j], phi, a)
+            for r in range(n):
+                rate[d + i, r] -= a[r] * state[d + j, r]
+    for i in range(d):
+        for j in range(i + 1):
+            _sum_products(mass[i, j], phi, m[i, j])
+            share, other = (0.5, 0.0) if i == j else (1.0, 1.0)
+            for k in range(d):
+                _sum_products(mass_slope[k, i, j], phi, a)
+                for r in range(n):
+                    rate[d + i, r] -= state[d + k, r] * a[r] * state[d + j, r]
+                for r in range(n):
+                    rate[d + k, r] += share * state[d + i, r] * a[r] * state[d + j, r]
+                for r in range(n):
+                    rate[d + j, r] -= other * state[d + k, r] * a[r] * state[d + i, r]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, memory_rate):
+    """Add the laws' forces to ``rate`` (2 d, R), and write the rates of their memories (R, slots, Z)."""
+    along, inertia, rest = geometry
     d = rest.shape[0]
-    n_z = (state.shape[0] - 2 * d) // inertia.shape[0]
-    compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers)
     for slot in range(inertia.shape[0]):
-        if inertia[slot] == 0.0:
-            continue
-        s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
-        for i in range(d):
-            s += along[slot, i] * (state[i] - rest[i])
-            v += along[slot, i] * state[d + i]
-            spring += along[slot, i] * work[i]
-            drive += along[slot, i] * work[d + i]
         reference = inertia[slot]
-        at = slice(2 * d + slot * n_z, 2 * d + (slot + 1) * n_z)
-        f = laws[slot](t, s, v, spring / reference, drive / reference, state[at], theta[slot], rate[at])
+        for r in range(len(t) if reference != 0.0 else 0):
+            s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
+            for i in range(d):
+                s += along[slot, i] * (state[i, r] - rest[i])
+                v += along[slot, i] * state[d + i, r]
+                spring += along[slot, i] * work[i, r]
+                drive += along[slot, i] * work[d + i, r]
+            values, z, z_rate = theta[sets[r], slot], memory[r, slot], memory_rate[r, slot]
+            f = laws[slot](t[r], s, v, spring / reference, drive / reference, z, values, z_rate)
+            for i in range(d):
+                rate[d + i, r] += along[slot, i] * reference * f
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _solve(a, b):
+    """Replace the second half of ``b`` (2 d, R) by the solution for ``a`` (d, d, R), which is overwritten."""
+    d, n = a.shape[0], a.shape[2]
+    for j in range(d):
+        for k in range(j):
+            for i in range(j, d):
+                for r in range(n):
+                    a[i, j, r] -= a[i, k, r] * a[j, k, r]
+        for r in range(n):
+            a[j, j, r] = 1.0 / math.sqrt(max(a[j, j, r], MIN_PIVOT))
+        for i in range(j + 1, d):
+            for r in range(n):
+                a[i, j, r] *= a[j, j, r]
+    for i in range(d):
+        for k in range(i):
+            for r in range(n):
+                b[d + i, r] -= a[i, k, r] * b[d + k, r]
+        for r in range(n):
+            b[d + i, r] *= a[i, i, r]
+    for i in range(d - 1, -1, -1):
+        for k in range(i + 1, d):
+            for r in range(n):
+                b[d + i, r] -= a[k, i, r] * b[d + k, r]
+        for r in range(n):
+            b[d + i, r] *= a[i, i, r]
+
+
+@njit(cache=True)
+@no_type_check
+def _gather(values, sets):
+    """The values of the ``sets`` (R,) of parameters, rollouts last."""
+    out = np.empty((*values.shape[1:], len(sets)))
+    for r in range(len(sets)):
+        out[..., r] = values[sets[r]]
+    return out
+
+
+@njit(cache=True)
+@no_type_check
+def _differentiate(basis, coefficients):
+    """Coefficients (d, ..., K', R) of the gradient of fields with ``coefficients`` (..., K, R)."""
+    target, factor = basis[4], basis[5]
+    k_fields, d, k_slope = coefficients.shape[-2], target.shape[0], 1
+    for k in range(k_fields):
+        k_slope = max(k_slope, target[:, k].max() + 1)
+    out = np.zeros((d, *coefficients.shape[:-2], k_slope, coefficients.shape[-1]))
+    for i in range(d):
+        for k in range(k_fields):
+            if factor[i, k] != 0.0:
+                out[i, ..., target[i, k], :] += factor[i, k] * coefficients[..., k, :]
+    return out
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory, scratch):
+    """One Runge-Kutta step of the states (2 d, R) and memories (R, slots, Z) over the times ``h`` (R,).
+
+    ``u`` (3, n_u, R) are the inputs at the start, middle and end of the step.
+    """
+    phi, x, waves, work, m, a, y, total, rate, z, z_total, z_rate = scratch
+    for stage in range(4):
+        at = 0 if stage == 0 else (2 if stage == 3 else 1)  # in half steps
+        before, weight = 0.0 if stage == 0 else 1.0, 2.0 if at == 1 else 1.0
+        for i in range(len(state)):
+            for r in range(len(h)):
+                y[i, r] = state[i, r] + 0.5 * at * h[r] * rate[i, r]
+        for r in range(len(h) if memory.size else 0):
+            z[r] = memory[r] + 0.5 * at * h[r] * z_rate[r]
+        _evaluate_basis(basis, y, x, waves, phi)
+        _compute_forces(fields, phi, y, u[at], rate, work, m, a)
+        _add_force_laws(laws, geometry, sets, theta, t + 0.5 * at * h, y, z, work, rate, z_rate)
+        _solve(m, rate)
+        for i in range(len(state)):
+            for r in range(len(h)):
+                total[i, r] = before * total[i, r] + weight * rate[i, r]
+        if memory.size:
+            z_total[:] = before * z_total + weight * z_rate
+    for i in range(len(state)):
+        for r in range(len(h)):
+            state[i, r] += h[r] / 6.0 * total[i, r]
+    for r in range(len(h) if memory.size else 0):
+        memory[r] += h[r] / 6.0 * z_total[r]
+
+
+@njit(cache=True)
+@no_type_check
+def _make_scratch(n_functions, state, memory):
+    """Work arrays of `_advance`."""
+    two_d, n = state.shape
+    d = two_d // 2
+    forces = np.empty((n_functions, n)), np.empty((d, n)), np.empty((2, d, n)), np.empty((two_d, n))
+    sums = np.empty((two_d, n)), np.zeros((two_d, n)), np.zeros((two_d, n))
+    memories = np.empty_like(memory), np.zeros_like(memory), np.zeros_like(memory)
+    return *forces, np.empty((d, d, n)), np.empty(n), *sums, *memories
+
+
+@njit(cache=True)
+@no_type_check
+def _hold_diverged(state, memory, rest, reach, lost):
+    """Mark rollouts that left the ``reach`` (d,) about ``rest``, and hold them there."""
+    d = len(rest)
+    for r in range(len(lost)):
         for i in range(d):
-            rate[d + i] += along[slot, i] * reference * f
-    factorize_cholesky(m, d)
-    solve_cholesky(m, rate, d)
+            if not abs(state[i, r] - rest[i]) < reach[i]:
+                lost[r] = True
+        if lost[r]:
+            state[:d, r] = rest
+            state[d:, r] = 0.0
+            memory[r] = 0.0
 
 
-@njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@njit(parallel=True, cache=True, error_model="numpy")
 @no_type_check
 def roll_out_batch(
     basis, fields, laws, along, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
 
-    Coefficients have the functions of the basis last, because sums over these are most of the work.
+    Rollouts are stepped side by side, so that the processor's vector instructions do several at once.
 
     Args:
-        basis: kind, order, centre and scale of the basis.
+        basis: kind, order, centre and scale of the basis, and both arrays of `Basis.derivatives`.
         fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
             drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
         laws, along, inertia: compiled force laws, one a slot, their directions (slots, d), and the reference
@@ -173,41 +380,41 @@ def roll_out_batch(
     """
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     n_sets, n_windows, two_d = starts.shape
-    d = two_d // 2
-    for job in prange(n_sets * n_windows):
-        p, w = job // n_windows, job % n_windows
-        own = (mass[p], damping[p], potential[p], input_map[p], dry[p], drag[p], width, rest)
-        k = basis[0].shape[0]
-        powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
-        scratch = (np.empty(k), np.empty((d, k)), np.empty(2 * d), np.empty((d, d)), powers)
-        size = two_d + memory.shape[2] * memory.shape[3]
-        x, y, total, rate = np.empty(size), np.empty(size), np.empty(size), np.zeros(size)
-        x[:two_d] = starts[p, w]
-        x[two_d:] = memory[p, w].ravel()
-        lost = False
-        for frame in range(length[w]):
-            for i in range(two_d):
-                out[p, w, frame, i] = x[i]
-            n = first[w] + frame
-            for step in range(steps if frame < length[w] - 1 and not lost else 0):
-                h = (time[n + 1] - time[n]) / steps
-                for stage in range(4):
-                    at = 0 if stage == 0 else (2 if stage == 3 else 1)  # in half steps
-                    for i in range(size):
-                        y[i] = x[i] + 0.5 * at * h * rate[i]
-                    t, inputs = time[n] + (step + 0.5 * at) * h, u[u_of[p], n, step, at]
-                    _rate(basis, own, laws, along, inertia, theta[p], t, y, inputs, rate, scratch)
-                    for i in range(size):
-                        total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
-                for i in range(size):
-                    x[i] += h / 6.0 * total[i]
-                for i in range(d):
-                    if not abs(x[i] - rest[i]) < DIVERGED_SCALES * basis[3][i]:
-                        lost = True
-            if lost:
-                for i in range(d):
-                    x[i] = rest[i] + DIVERGED_SCALES * basis[3][i]
-                    x[d + i] = 0.0
+    d, reach = two_d // 2, DIVERGED_SCALES * basis[3]
+    for group in prange((n_sets * n_windows + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
+        jobs = np.arange(group * SIDE_BY_SIDE, min((group + 1) * SIDE_BY_SIDE, n_sets * n_windows))
+        sets, windows = jobs // n_windows, jobs % n_windows
+        state, memories = np.empty((two_d, len(jobs))), np.empty((len(jobs), *memory.shape[2:]))
+        for r in range(len(jobs)):
+            state[:, r], memories[r] = starts[sets[r], windows[r]], memory[sets[r], windows[r]]
+        inert = _gather(mass, sets)
+        own = (
+            *(inert, _differentiate(basis, inert), _gather(damping, sets)),
+            *(_differentiate(basis, _gather(potential, sets)), _gather(input_map, sets)),
+            *(_gather(dry, sets), _gather(drag, sets), width),
+        )
+        scratch = _make_scratch(basis[0].shape[0], state, memories)
+        inputs, t, h = np.empty((3, u.shape[-1], len(jobs))), np.empty(len(jobs)), np.empty(len(jobs))
+        now, lost = np.empty(len(jobs), np.int64), np.zeros(len(jobs), np.bool_)
+        for frame in range(length[windows].max()):
+            for r in range(len(jobs)):
+                p, w = sets[r], windows[r]
+                if frame < length[w]:
+                    out[p, w, frame] = state[:, r]
+                    if lost[r]:
+                        out[p, w, frame, :d] = rest + reach
+                # a shorter window waits for the longer ones
+                now[r] = first[w] + min(frame, length[w] - 2)
+                h[r] = (time[now[r] + 1] - time[now[r]]) / steps if frame < length[w] - 1 else 0.0
+            for step in range(steps if h.any() else 0):
+                for r in range(len(jobs)):
+                    t[r] = time[now[r]] + step * h[r]
+                    for at in range(3):
+                        inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
+                _advance(
+                    basis, own, laws, (along, inertia, rest), theta, sets, t, h, inputs, state, memories, scratch
+                )
+                _hold_diverged(state, memories, rest, reach, lost)
 
 
 @njit(MEMORY_SIGNATURE, cache=True)
