@@ -1,22 +1,23 @@
 """A diagnosis from end to end: from a simulator and real trajectories to the verdict and its evidence."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import PlacedEffect
+from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference import posterior
 from lagsplat.diagnose.inference.effect_search import EffectSearch, search_effects
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
-from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
-from lagsplat.diagnose.inference.robustness import check_robustness
+from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters, estimate_refit
+from lagsplat.diagnose.verdict.alternatives import Alternatives, measure_alternatives
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
+from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -26,6 +27,7 @@ class DiagnosisRun:
 
     diagnosis: Diagnosis
     search: EffectSearch
+    alternatives: Alternatives
     chosen: HypothesisFit
 
     @property
@@ -46,6 +48,7 @@ def diagnose(
     *,
     log_evidence_offset: float = 0.0,
     report_progress: Callable[[str], None] = lambda name: None,
+    model: ChoiceModel | None = None,
 ) -> DiagnosisRun:
     """Find out why a simulator and real trajectories disagree.
 
@@ -55,6 +58,7 @@ def diagnose(
         config: settings of the diagnosis.
         log_evidence_offset: what effects gain by the sim's own errors [nat]; see `calibrate_null_evidence`.
         report_progress: called with the name of each effect before it is fitted.
+        model: weighs the alternatives; by default the calibrated one of this package.
 
     Raises:
         ValueError: the motions are too short for a single window.
@@ -64,17 +68,12 @@ def diagnose(
     candidates = place_effects(
         problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
     )
-
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
     search = search_effects(problem, candidates, budget, report_progress=report_progress)
-    problem, budget, ranking, chain = search.problem, search.budget, search.ranking, search.sets
-    judgement = posterior.judge_hypotheses(
-        ranking,
-        chain,
-        posterior.GapMeasure(problem.degrees_of_freedom, budget.nominal, config),
-        most=problem.motionless_misfit,
-        doubt=partial(posterior.assess_implausibility, problem, ranking, nominal=budget.nominal),
-    )
+    problem, ranking = search.problem, search.ranking
+    alternatives = measure_alternatives(search)
+    names = [name for name in catalogue() if name not in config.without]
+    judgement = judge_alternatives(alternatives, model or load_choice_model(), catalogue=names)
     best, warnings = judgement.best, _list_warnings(problem)
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     try:
@@ -82,14 +81,18 @@ def diagnose(
         holdout = forecast_holdout(problem, ranking.none, chosen, given=given)
     except ValueError as error:
         holdout, warnings = None, [f"no closure: {error}", *warnings]
-    if best is not None and chosen is best and _is_immaterial(problem, ranking, holdout, best, config):
-        judgement, chosen = posterior.reject_effect(judgement), ranking.none
     checks = {
         "natural_period_s": problem.period_s,
         "noise": problem.sigma.tolist(),
-        **_measure_fits(sim, problem, ranking, chain, judgement),
-        **check_robustness(problem, ranking, chain, judgement, candidates, budget),
+        "refit": estimate_refit(problem, ranking.none, ranking.noise_inflation, (q_names, u_names)),
+        **_measure_fits(sim, search, judgement),
     }
+    if chosen is best and holdout is not None and not is_material(chosen, holdout, config.materiality):
+        names = [placed.effect.name for placed in chosen.effects]
+        checks["immaterial"] = {"effects": names, "share": asdict(holdout.beyond_refit)}
+        judgement, chosen = judgement.reject("none"), ranking.none
+    if judgement.verdict == "none" and holdout is not None and is_open(holdout):
+        judgement = judgement.reject("unknown")
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         candidates=_list_candidates(problem, ranking, judgement, holdout),
@@ -105,34 +108,43 @@ def diagnose(
         q_names=q_names,
         u_names=u_names,
     )
-    return DiagnosisRun(diagnosis, search, chosen)
+    return DiagnosisRun(diagnosis, search, alternatives, chosen)
 
 
-def _measure_fits(
-    sim: EstimatedSimulator,
-    problem: EstimationProblem,
-    ranking: ModelRanking,
-    chain: Sequence[HypothesisFit],
-    judgement: posterior.Judgement,
-) -> dict[str, Any]:
+def is_material(chosen: HypothesisFit, holdout: HoldoutForecasts, least: float) -> bool:
+    """Whether effects shrink the held-out gap by a share of at least ``least`` beyond what a refit does.
+
+    The lower end of the share's 95 % interval counts. Effects on single samples show in no forecast and are
+    material whenever they are probable.
+    """
+    low = holdout.beyond_refit.low
+    return chosen.moves_samples or (low is not None and low >= least)
+
+
+def is_open(holdout: HoldoutForecasts) -> bool:
+    """Whether a gap is left that neither noise nor chance explains."""
+    return holdout.refit_over_floor.low is not None and holdout.refit_over_floor.low > VERDICT.open_gap
+
+
+def _measure_fits(sim: EstimatedSimulator, search: EffectSearch, judgement: Judgement) -> dict[str, Any]:
     """Mean square residuals [noise variances] and factors on the noise, as `Diagnosis.checks` lists them.
 
     Those of the sim are on its own recordings, now and before a recalibration.
     """
 
+    problem, ranking = search.problem, search.ranking
+
     def measure(hypothesis: HypothesisFit) -> float:
         return hypothesis.fit.misfit / problem.degrees_of_freedom
 
-    sets = [{"effects": [e.effect.name for e in fit.effects], "misfit": measure(fit)} for fit in chain]
+    chain = [{"effects": [e.effect.name for e in fit.effects], "misfit": measure(fit)} for fit in search.sets]
     as_given = {"sim_misfit_as_given": sim.original.misfit} if sim.original else {}
     return {
         "sim_misfit": sim.misfit,
         **as_given,
         "misfit_none": measure(ranking.none),
         "misfit_best": measure(judgement.best or ranking.none),
-        "unexplained": judgement.unexplained,
-        "doubt": judgement.implausibility,
-        "chain": sets,
+        "chain": chain,
         "windows": len(problem.windows.first),
         "temper": ranking.noise_inflation,
         "price": problem.noise_inflation,
@@ -150,30 +162,10 @@ def _list_warnings(problem: EstimationProblem) -> list[str]:
     ]
 
 
-def _is_immaterial(
-    problem: EstimationProblem,
-    ranking: ModelRanking,
-    holdout: HoldoutForecasts | None,
-    best: HypothesisFit,
-    config: DiagnoseConfig,
-) -> bool:
-    """Whether the best explanation improves the held-out forecasts too little to be named."""
-    if holdout is None:
-        return False
-    gap, misfit = holdout.gap, ranking.none.fit.misfit / problem.degrees_of_freedom
-    if misfit < VERDICT.overestimated_noise_misfit and gap.before <= gap.floor:
-        return True
-    return (
-        best.log_evidence < VERDICT.certain_log_evidence
-        and gap.before - gap.after < config.materiality * gap.before
-        and gap.before < VERDICT.close_floor_ratio * gap.floor
-    )
-
-
 def _list_candidates(
     problem: EstimationProblem,
     ranking: ModelRanking,
-    judgement: posterior.Judgement,
+    judgement: Judgement,
     holdout: HoldoutForecasts | None,
 ) -> tuple[Candidate, ...]:
     fits: dict[str, tuple[HypothesisFit, PlacedEffect]] = {}

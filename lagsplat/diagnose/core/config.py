@@ -1,7 +1,7 @@
 """Settings and thresholds of a diagnosis.
 
 `DiagnoseConfig` and `BlindConfig` hold what users set in ``conf/``. The constants after them are every other
-number that can change a verdict, one class a subject, read as ``VERDICT.max_probability``; no class is
+number that can change a verdict, one class a subject, read as ``VERDICT.credible``; no class is
 instantiated. Each number has its unit in brackets (``[1]`` is a ratio) and its source.
 
 No number here is the result of a fitted calibration yet. The source is the commit of this repository in which
@@ -43,12 +43,7 @@ class DiagnoseConfig:
     warp: float  # prior standard deviation of a smooth distortion of the coordinates [their range]
     learned_factor: float  # factor on these five where the simulator was learned from a video [1]
     reference_longest_s: float  # duration of a simulator's own recordings that is used, at most [s]
-    materiality: float  # share of the gap that an effect must remove to be named [1]
-    prior_none: float  # prior probability that nothing is missing [1]
-    prior_unknown: float  # prior probability that what is missing is not in the catalogue [1]
-    unknown_midpoint: float  # share of the excess misfit left at which `unknown` is as likely as not [1]
-    sufficient_share: float  # share left below which a set explains all, and no effect more is needed [1]
-    second_effect_share: float  # share of the excess misfit that a second effect must remove [1]
+    materiality: float  # share of the gap that an effect must remove beyond a refit to be named [1]
 
     def __post_init__(self) -> None:
         hold = self.input_hold
@@ -59,12 +54,9 @@ class DiagnoseConfig:
         counts = ("families", "places", "starts", "iterations", "identify_iterations")
         require_least(self, "diagnose", 1, *counts)
         deviations = ("potential", "damping", "inputs", "offset", "warp")
-        shares = ("materiality", "unknown_midpoint", "second_effect_share", "sufficient_share")
-        for name in (*deviations, *shares, "prior_none", "prior_unknown"):
+        for name in (*deviations, "materiality"):
             value = getattr(self, name)
             require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")
-        if self.prior_none + self.prior_unknown >= 1:
-            raise ValueError("diagnose.prior_none and prior_unknown leave no probability for the effects")
 
 
 @dataclass
@@ -433,7 +425,8 @@ class VIDEO_CHECKS:
 class PROBLEM:
     """Which windows and directions enter an estimation, and where effects are tried."""
 
-    max_squared_deviation: float = 40.0  # free one of nuisances, in inflated variances [1]; a1527c2
+    plausible_quantile: float = 0.999  # of chi-squared: prior distance that parameters plausibly have [1]
+    min_explained_share: float = 0.5  # share of the motion that the sim explains in windows of full length [1]
     min_known_share: float = 0.7  # share of windows a sim must know before others are left out [1]; 937389d
     max_open_directions: int = 6  # directions that identification leaves open, at most [count]; 0e95f8e
     min_visibility: float = 0.3  # misfit's curvature along a visible one, in prior standard deviations [1]
@@ -460,46 +453,30 @@ class SELECTION:
     sample_noise_penalty: float = 4.0  # log evidence a sample effect must exceed [nat]: not integrated out
     max_effects: int = 3  # effects in a set, at most [count]; 0e95f8e
     max_first_effects: int = 3  # single effects beside which a second one is sought [count]; 0e95f8e
+    inflation_misfit: float = 4.0  # mean square over the nominal [1] that inflates the noise; 97c6964
     min_excess: float = 0.1  # excess mean square that asks for another effect [noise variances]; 123f88b
 
 
 class VERDICT:
-    """From log evidence to probabilities, and when an effect is too small to be named."""
+    """The verdict beside its calibrated probabilities."""
 
-    max_log_evidence: float = 200.0  # log evidence in all [nat]; more is an error of the laws; 6891504
-    elastic_creep_share: float = 0.5  # time constant over the recording [1] of spring-like creep; 88ac3e6
-    elastic_creep_penalty: float = 4.0  # log prior of such creep, lowered by [nat]; 88ac3e6
-    equivalent_log_evidence: float = 3.0  # lead of equivalent effects [nat], twice it within a class; 0e95f8e
-    max_probability: float = 0.98  # probability that no name exceeds [1]; 8360ea4
-    max_withheld_probability: float = 0.4  # the same where the data forbid a verdict [1]
-    law_error: float = 0.03  # mean square that a right law may leave, over the nominal one [1]; 0fc4d5b
-    detectable_deviations: float = 2.5  # standard deviations of a detectable excess [1]: false alarms 0.006
-    min_unknown: float = 0.015  # probability of `unknown`, at least [1]; 8360ea4
-    unknown_exponent: float = 2.5  # exponent of the unexplained share in `unknown`'s odds [1]; df5bf1f
+    credible: float = 0.9  # share of the probability that effects hold which the data do not tell apart [1]
+    open_gap: float = 1.3  # held-out error after a refit, over its floor [1], from which a gap is left open
+    max_withheld_probability: float = 0.4  # of any name where the data forbid a verdict [1]
     deviation_factor: float = 1.5  # on a standard deviation [1], as laws are approximate; 6891504
     deviation_floor: float = 0.01  # added to that standard deviation [prior standard deviations]; 6891504
-    set_lead: float = 5.0  # log posterior of a set that explains all, above single effects [nat]; df5bf1f
     interval_z: float = 1.645  # half width of a 90 % interval [standard deviations]: the quantile of 0.95
-    certain_log_evidence: float = 30.0  # that names an effect even if forecasts hardly improve [nat]; 0e95f8e
-    close_floor_ratio: float = 1.5  # forecast error over the noise floor that needs no cause [1]; 97c6964
-    overestimated_noise_misfit: float = 0.5  # mean square that needs no effect [noise variances]; 620ccf8
     max_closures: int = 4  # candidates whose own closure is computed [count]; 0e95f8e
-
-
-class IMPLAUSIBILITY:
-    """Reasons against an explanation that leaves nothing unexplained."""
-
-    unrepeated_chance: float = 0.7  # P(unknown) if no state recurs without the external force [1]; 0fc4d5b
-    flexible_chance: float = 0.6  # P(unknown) where two flexible effects are needed [1]; 0fc4d5b
-    relaxed_lead: float = 0.0  # log evidence of the relaxed simulator's lead at even odds [nat]; 3570551
-    relaxed_scatter: float = 2.0  # width of the logistic in that lead [nat]; 3570551
-    state_distance: float = 0.3  # distance of two equal states [rms of position and velocity]; dd24cef
-    passage_periods: float = 0.25  # time from a push to another passage [natural periods]; 0fc4d5b
-    certain_cycles: float = 4.0  # cycles from which a force is surely periodic [count]; 0fc4d5b
-    min_push_share: float = 0.1  # strength of a push over the strongest [1] below which it is none; 0fc4d5b
     relaxation: float = 60.0  # factor on prior deviations [1]: thousandths become tens of per cent; 0fc4d5b
-    max_nominal_misfit: float = 1.5  # of a credible relaxed sim on its recordings [noise variances]; 97c6964
-    relaxed_misfit_margin: float = 0.05  # mean square it may be worse by [noise variances]; 0fc4d5b
+
+
+class RECURRENCE:
+    """Whether a recording shows that a force comes from outside. Commit 0fc4d5b."""
+
+    state_distance: float = 0.3  # distance of two equal states [rms of position and velocity]; dd24cef
+    passage_periods: float = 0.25  # time from a push to another passage [natural periods]
+    certain_cycles: float = 4.0  # cycles from which a force is surely periodic [count]
+    min_push_share: float = 0.1  # strength of a push over the strongest [1] below which it is none
 
 
 class PROFILES:
@@ -538,17 +515,6 @@ class RECALIBRATION:
     direction_samples: int = 400  # samples on which moves are compared [count]
     direction_step: float = 1e-6  # finite-difference step of a move [1]
     direction_cutoff: float = 1e-8  # eigenvalue over the largest [1] below which a move changes nothing
-
-
-class ROBUSTNESS:
-    """Noise inflation, and repeats of the verdict under perturbations. Commit e6e25e8."""
-
-    inflation_misfit: float = 4.0  # mean square over the nominal [1] that inflates the noise; 97c6964
-    min_agreeing: int = 4  # repeats of the five that must agree with the verdict [count]
-    refitted_effects: int = 3  # effects that are fitted again beside those of the verdict [count]
-    iterations: int = 4  # iterations of each repeated fit [count]
-    noise_seeds: tuple[int, ...] = (101, 102)  # seeds of the added noise
-    frozen_warp_share: float = 1e-6  # share of the prior warp that is left where none is allowed [1]
 
 
 # --- Inputs and verdict of the pipelines

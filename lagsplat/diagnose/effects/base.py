@@ -66,10 +66,6 @@ class Effect(EffectDescription):
     joint or actuator where the effect acts. Instead of a function, a clause that says why MuJoCo has none."""
     confusable_with: tuple[str, ...] = ()
     """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
-    log_prior_penalty: float = 0.0
-    """By how much the effect is less likely than others before the data [nat]; give the reason beside it."""
-    fitted_penalty: Callable[[Mapping[str, float], "PlacedEffect"], float] | None = None
-    """A further penalty [nat] that depends on the fitted parameters."""
     flexible: bool = False
     """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None

@@ -1,6 +1,6 @@
-"""Which effects explain the gap, and how sure that is: from fits of all hypotheses to probabilities.
+"""Fits of all hypotheses about a gap, from the problem to held-out forecasts.
 
 `problem` sets up data, simulator and priors, `placement` the candidates. `model_selection` chooses and fits
-them, `posterior` compares them and judges. `robustness`, `holdout`, `profile_likelihood` and `recalibration`
-test the result.
+single effects, `effect_search` sets of them. `holdout`, `profile_likelihood` and `recalibration` test the
+result. The verdict is `lagsplat.diagnose.verdict`'s.
 """

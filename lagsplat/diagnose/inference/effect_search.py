@@ -1,13 +1,26 @@
-"""The search for effects: single ones, then pairs and triples as long as these explain enough more."""
+"""The search for effects: single ones, then pairs and triples as long as these have more evidence.
+
+Where the best explanation misses by many times the noise, the laws are wrong, and their errors are correlated
+over many samples. Taken as white noise, these samples would outweigh the priors: the nuisance parameters
+would move by hundreds of standard deviations to close the gap, and `none` would look good. So the remaining
+misfit counts as noise, correlated samples count as one, and all is fitted again.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
-from lagsplat.diagnose.inference.posterior import combine_effects
-from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
-from lagsplat.diagnose.inference.robustness import inflate_noise
+from lagsplat.diagnose.inference.problem import (
+    EstimationProblem,
+    HypothesisFit,
+    compute_autocorrelation_time,
+    compute_excess_penalty,
+    compute_log_evidence,
+)
 
 
 @dataclass(frozen=True)
@@ -48,3 +61,90 @@ def search_effects(
         ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
         sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
     return EffectSearch(problem, tuple(candidates), budget, ranking, sets)
+
+
+def list_probable_effects(ranking: ModelRanking) -> list[HypothesisFit]:
+    """The best fit of every effect that has more evidence than `none`, the one with the most first.
+
+    The evidence of an effect counts less by the logarithm of the number of its places, as only one is right.
+    """
+    best: dict[str, HypothesisFit] = {}
+    places: dict[str, int] = {}
+    for fit in ranking.found:
+        best.setdefault(fit.name, fit)
+        places[fit.name] = places.get(fit.name, 0) + 1
+    evidence = {name: fit.log_evidence - float(np.log(places[name])) for name, fit in best.items()}
+    return [best[name] for name in sorted(best, key=lambda name: -evidence[name]) if evidence[name] > 0.0]
+
+
+def combine_effects(
+    problem: EstimationProblem,
+    ranking: ModelRanking,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
+    *,
+    report_progress: Callable[[str], None] = lambda name: None,
+) -> tuple[HypothesisFit, ...]:
+    """The best single effect, pair and triple, as long as a larger set has more evidence.
+
+    A second effect is sought beside each of the best few single effects, so that the pair may hold another
+    first effect than the best single one. Half of the budget's families are fitted. Empty where nothing beats
+    `none`.
+    """
+    singles = list_probable_effects(ranking)
+    if not singles:
+        return ()
+    firsts = [fit for fit in singles if fit.effects[-1].changes_motion]
+    families = max(3, budget.config.families // 2)
+    narrow = replace(
+        budget,
+        config=replace(budget.config, families=families, places=1, starts=1, always_fitted=[]),
+        continued=SELECTION.continued_sets,
+        refined=SELECTION.refined_sets,
+    )
+    ratio, freedom = budget.effective_sample_ratio, problem.degrees_of_freedom
+    chain = [singles[0]]
+    while len(chain) < SELECTION.max_effects and (
+        chain[-1].fit.misfit / freedom - budget.nominal > SELECTION.min_excess
+        or compute_excess_penalty(chain[-1].fit, budget.nominal * ratio) > 0.0
+    ):
+        larger = []
+        for known in firsts[: SELECTION.max_first_effects] if len(chain) == 1 else chain[-1:]:
+            names = {placed.effect.name for placed in known.effects}
+            others = [candidate for candidate in candidates if candidate.effect.name not in names]
+            more = rank_hypotheses(problem, others, narrow, known=known, report_progress=report_progress)
+            larger += [fit for fit in more.found if fit.effects[-1].changes_motion][:1]
+        if not larger:
+            break
+        least = min(fit.fit.misfit for fit in larger) / freedom
+        noise_inflation = max(budget.nominal, least) * ratio
+
+        def measure(fit: HypothesisFit, noise_inflation: float = noise_inflation) -> float:
+            if fit.moves_samples:
+                return fit.log_evidence
+            both = (compute_log_evidence(x, problem.rollout_model, noise_inflation) for x in (fit, ranking.none))
+            return next(both) - next(both)
+
+        best = max(larger, key=measure)
+        gain = measure(best) - measure(chain[-1])
+        if gain <= 0.0:
+            break
+        chain.append(replace(best, log_evidence=chain[-1].log_evidence + gain))
+    return tuple(chain)
+
+
+def inflate_noise(
+    problem: EstimationProblem, budget: SearchBudget, best: HypothesisFit
+) -> tuple[EstimationProblem, SearchBudget] | None:
+    """Inflate the noise to the misfit that the ``best`` explanation leaves; None if that is nearly nominal.
+
+    The median over the windows counts: a push by hand in a few of them is no error of the law.
+    """
+    length = problem.windows.length
+    window_misfits = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, length, strict=True)]
+    misfit = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(window_misfits)))
+    if misfit <= SELECTION.inflation_misfit * budget.nominal:
+        return None
+    correlation = compute_autocorrelation_time(best.fit.residual, length)
+    noise_inflation = max(problem.noise_inflation, misfit * correlation)
+    return replace(problem, noise_inflation=noise_inflation), replace(budget, correlation=correlation)

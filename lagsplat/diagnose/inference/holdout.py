@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import HOLDOUT, PROBLEM
+from lagsplat.diagnose.core.config import HOLDOUT
 from lagsplat.diagnose.core.result import Block, Gap, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import WindowSet
-from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, limit_squared_deviation
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 
@@ -151,7 +151,7 @@ def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.n
     x = half.fit(hypothesis.fitted, hypothesis.fit.x).x
     own = x[hypothesis.n_effect_parameters :]
     moved = float(np.sum((own / half.rollout_model.nuisance.deviation) ** 2))
-    own *= min(1.0, float(np.sqrt(PROBLEM.max_squared_deviation / max(moved, 1e-12))))
+    own *= min(1.0, float(np.sqrt(limit_squared_deviation(len(own)) / max(moved, 1e-12))))
     return x
 
 
@@ -197,12 +197,18 @@ class HeldOutBlocks:
 
 @dataclass(frozen=True)
 class HoldoutForecasts:
-    """Errors on the held-out half: the gap, the blocks, and mean squares of each block."""
+    """Errors on the held-out half: the gap, the blocks, and mean squares of each block.
+
+    ``beyond_refit`` is the share of the gap as given that the chosen effects remove beyond what a refit
+    alone removes; ``refit_over_floor`` is the error after a refit over its floor.
+    """
 
     gap: Gap
     blocks: tuple[Block, ...]
     before: np.ndarray
     floor: np.ndarray
+    beyond_refit: Interval
+    refit_over_floor: Interval
 
 
 def forecast_holdout(
@@ -225,7 +231,7 @@ def forecast_holdout(
         "refit": held_out.forecast(none),
         "after": held_out.forecast(chosen),
     }
-    before, after = (forecasts[name].squares for name in ("before", "after"))
+    before, refit, after = (forecast.squares for forecast in forecasts.values())
     floor, rms = forecasts["after"].floor, held_out.rms
     gap = Gap(
         **{name: float(np.sqrt(np.mean(forecast.squares))) for name, forecast in forecasts.items()},
@@ -241,7 +247,9 @@ def forecast_holdout(
         time_s = record.time[start : start + length] + record.shifts_s[number]
         sim, augmented = (forecasts[name].y[i] for name in ("before", "after"))
         rows.append(Block(record.files[number], i, time_s, held_out.real[i], sim, augmented))
-    return HoldoutForecasts(gap, tuple(rows), before, floor)
+    beyond = bootstrap_blocks(lambda b, r, a: (r - a) / np.maximum(b, r), before, refit, after)
+    level = bootstrap_blocks(lambda r, f: r / f, refit, forecasts["refit"].floor)
+    return HoldoutForecasts(gap, tuple(rows), before, floor, beyond, level)
 
 
 def estimate_single_closure(

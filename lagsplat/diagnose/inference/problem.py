@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64
+from scipy.stats import chi2
 
-from lagsplat.diagnose.core.config import PROBLEM, DiagnoseConfig
+from lagsplat.diagnose.core.config import IDENTIFICATION, PROBLEM, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.effects.base import PlacedEffect
@@ -122,9 +123,14 @@ class EstimationProblem:
         )
 
 
+def limit_squared_deviation(n: int) -> float:
+    """Squared distance of ``n`` parameters from their prior means that chance rarely exceeds [variances]."""
+    return float(chi2.ppf(PROBLEM.plausible_quantile, max(n, 1)))
+
+
 def compute_excess_penalty(fit: shooting.ShootingFit, noise_inflation: float) -> float:
-    """Penalty of the nuisance parameters beyond what their prior allows, in the units of the misfit."""
-    return max(fit.penalty - PROBLEM.max_squared_deviation * noise_inflation, 0.0)
+    """Penalty of the parameters beyond what their prior allows, in the units of the misfit."""
+    return max(fit.penalty - limit_squared_deviation(len(fit.x)) * noise_inflation, 0.0)
 
 
 def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutModel) -> shooting.GaussianPrior:
@@ -160,9 +166,26 @@ def build_problem(
 ) -> EstimationProblem:
     """The estimation problem of all hypotheses about ``real``.
 
+    Windows are shortened where the sim, refitted, explains less than half of the motion: there a fit has
+    little to follow.
+
     Raises:
         ValueError: the trajectories are too short for a single window.
     """
+    problem = _build_problem(sim, real, config)
+    for scale in IDENTIFICATION.window_scales:
+        still = np.zeros(problem.rollout_model.nuisance.size)
+        left = problem.fit((), still).misfit / problem.degrees_of_freedom
+        if left <= (1.0 - PROBLEM.min_explained_share) * problem.motionless_misfit:
+            break
+        shorter = min(scale, sim.window_scale)
+        problem = _build_problem(replace(sim, window_scale=shorter), real, config)
+    return problem
+
+
+def _build_problem(
+    sim: EstimatedSimulator, real: Sequence[Trajectory], config: DiagnoseConfig
+) -> EstimationProblem:
     model = sim.model
     longest_s, shortest_s = estimate_natural_periods(model, estimate_spectral_period_s(real))
     ready = prepare_dataset(real, period_s=shortest_s)
@@ -182,7 +205,7 @@ def build_problem(
     reach_s = config.window_periods * sim.window_scale * longest_s
     windows = cut_windows(record, length_s=reach_s, min_frames=20)
     if len(windows.first) < 4:
-        windows = cut_windows(record, length_s=longest_s, min_frames=20)
+        windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=20)
     like = np.ones(len(windows.first), dtype=bool)  # windows that move as the sim was seen to move
     if sim.novelty_detector is not None:
         similar = sim.novelty_detector.find_similar(windows, ready.smooth, record)

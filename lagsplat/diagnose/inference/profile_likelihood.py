@@ -35,6 +35,32 @@ def compute_laplace_interval(
     return np.maximum(low, prior.lowest[:n]), high
 
 
+def estimate_refit(
+    problem: EstimationProblem,
+    none: HypothesisFit,
+    noise_inflation: float,
+    names: tuple[Sequence[str], Sequence[str]],
+) -> list[dict[str, Any]]:
+    """How a refit without effects moves the sim's own numbers, each with its 90 % interval and unit.
+
+    ``names`` are those of the coordinates and of the inputs.
+    """
+    q_names, u_names = names
+    prior, model = make_joint_prior((), problem.rollout_model), problem.rollout_model.nuisance
+    spread = VERDICT.interval_z * compute_posterior_deviations(none.fit, prior, noise_inflation)
+    moves = [
+        ("stiffness and weight", "relative change"),
+        ("damping rate", "1/s"),
+        *((f"gain of {name}", "relative change") for name in u_names),
+        *((f"acceleration along {name}", "per s^2") for name in q_names),
+    ]
+    numbers = zip(moves, none.fit.x, spread, model.deviation, strict=False)
+    return [
+        {"name": name, "value": x, "low": x - half, "high": x + half, "tolerance": tolerance, "unit": unit}
+        for (name, unit), x, half, tolerance in numbers
+    ]
+
+
 def estimate_parameters(
     problem: EstimationProblem, hypothesis: HypothesisFit, placed: PlacedEffect, noise_inflation: float
 ) -> dict[str, Parameter]:

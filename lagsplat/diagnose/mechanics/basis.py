@@ -41,14 +41,17 @@ class Basis:
         Raises:
             ValueError: a derivative is not in the basis.
         """
-        number = {(kind, *order): k for k, (kind, order) in enumerate(zip(self.kind, self.order.tolist()))}
+        functions = list(zip(self.kind.tolist(), self.order.tolist(), strict=True))
+        number = {(kind, *order): k for k, (kind, order) in enumerate(functions)}
         target, factor = np.zeros(self.order.T.shape, np.int64), np.zeros(self.order.T.shape)
-        for k, (kind, order) in enumerate(zip(self.kind, self.order.tolist(), strict=True)):
+        for k, (kind, order) in enumerate(functions):
             for i in np.flatnonzero(order):
                 lower = [e - (j == i) for j, e in enumerate(order)] if kind == POWER else order
                 name = ({POWER: POWER, COSINE: SINE, SINE: COSINE}[kind], *lower)
                 if name not in number:
-                    raise ValueError(f"function {k} of the basis has a derivative that is none of its functions")
+                    raise ValueError(
+                        f"function {k} of the basis has a derivative that is none of its functions"
+                    )
                 target[i, k] = number[name]
                 factor[i, k] = order[i] / self.scale[i] if kind == POWER else order[i] * (2 * kind - 3)
         return target, factor

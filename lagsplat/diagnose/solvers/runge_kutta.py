@@ -139,9 +139,9 @@ def _evaluate_wave(order, k, waves, phi, real, imaginary):
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def _evaluate_basis(basis, q, x, waves, phi):
-    """Write the functions (K, R) at the points ``q`` (d, R); ``x`` (d, R) and ``waves`` (2, d, R) are scratch.
+    """Write the functions (K, R) at the points ``q`` (d, R), with ``x`` (d, R) and ``waves`` (2, d, R).
 
-    A monomial is a coordinate times its derivative, which comes before it.
+    Both are scratch. A monomial is a coordinate times its derivative, which comes before it.
     """
     kind, order, centre, scale, target, _ = basis
     (k_all, d), n = order.shape, q.shape[1]
@@ -380,7 +380,7 @@ def roll_out_batch(
     """
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     n_sets, n_windows, two_d = starts.shape
-    d, reach = two_d // 2, DIVERGED_SCALES * basis[3]
+    d, reach, geometry = two_d // 2, DIVERGED_SCALES * basis[3], (along, inertia, rest)
     for group in prange((n_sets * n_windows + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
         jobs = np.arange(group * SIDE_BY_SIDE, min((group + 1) * SIDE_BY_SIDE, n_sets * n_windows))
         sets, windows = jobs // n_windows, jobs % n_windows
@@ -411,9 +411,7 @@ def roll_out_batch(
                     t[r] = time[now[r]] + step * h[r]
                     for at in range(3):
                         inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
-                _advance(
-                    basis, own, laws, (along, inertia, rest), theta, sets, t, h, inputs, state, memories, scratch
-                )
+                _advance(basis, own, laws, geometry, theta, sets, t, h, inputs, state, memories, scratch)
                 _hold_diverged(state, memories, rest, reach, lost)
 
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import IMPLAUSIBILITY
+from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.inference.effect_search import EffectSearch
 from lagsplat.diagnose.inference.holdout import HeldOutBlocks
 from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.posterior import measure_recurrence
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
     HypothesisFit,
@@ -142,6 +141,21 @@ def _forecast_all(
     return [(forecast.squares, min(level, 1.0) * forecast.floor) for forecast in every]
 
 
+def measure_recurrence(hypothesis: HypothesisFit, problem: EstimationProblem) -> float:
+    """How clearly the data show that the external effects of a hypothesis are external, from 0 to 1.
+
+    A push at a given time explains anything that happens once. That it is external shows only where the
+    mechanism passes through the same state again without it, and that a force is periodic only where it
+    repeats. It is 1 where nothing is external.
+    """
+    shown = [
+        placed.effect.recurrence(hypothesis.name_parameters(placed), problem.dataset, placed)
+        for placed in hypothesis.effects
+        if placed.effect.recurrence is not None
+    ]
+    return min(shown, default=1.0)
+
+
 def _compute_gain_z(before: np.ndarray, after: np.ndarray) -> float:
     """Mean drop of the logarithm of the blocks' square errors over its standard error; 0 with one block."""
     drop = np.log(np.maximum(before, 1e-300)) - np.log(np.maximum(after, 1e-300))
@@ -153,6 +167,6 @@ def _fit_relaxed(
     problem: EstimationProblem, ranking: ModelRanking
 ) -> tuple[HypothesisFit, EstimationProblem]:
     """The sim alone with relaxed priors of its own parameters, and the problem with these priors."""
-    nuisance = problem.rollout_model.nuisance.scale_mechanics(IMPLAUSIBILITY.relaxation)
+    nuisance = problem.rollout_model.nuisance.scale_mechanics(VERDICT.relaxation)
     loose = problem.with_nuisance(nuisance)
     return HypothesisFit((), loose.fit((), ranking.none.fit.x, ranking.none.fit.starts)), loose

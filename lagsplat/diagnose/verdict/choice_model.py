@@ -9,11 +9,18 @@ Source: McFadden, "Conditional logit analysis of qualitative choice behavior", 1
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.optimize import minimize
 from scipy.special import logsumexp
+
+from lagsplat.diagnose.verdict.features import NAMES
+from lagsplat.io.files.atomic import load_json
+
+CALIBRATED = Path(__file__).with_name("model.json")
 
 
 @dataclass(frozen=True)
@@ -68,3 +75,17 @@ def fit_choice_model(choices: Sequence[Choice], names: tuple[str, ...], *, ridge
         loss, np.zeros(features.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": 2000}
     )
     return ChoiceModel(names, found.x / scale)
+
+
+@cache
+def load_choice_model(path: Path = CALIBRATED) -> ChoiceModel:
+    """The model of a file, by default the calibrated one of this package.
+
+    Raises:
+        ValueError: the file holds weights of other features.
+    """
+    weights = load_json(path)["weights"]
+    if set(weights) != set(NAMES):
+        wrong = ", ".join(sorted(set(weights) ^ set(NAMES)))
+        raise ValueError(f"{path}: {wrong}: weights of other features than are computed; calibrate again")
+    return ChoiceModel(NAMES, np.array([float(weights[name]) for name in NAMES]))

@@ -62,15 +62,6 @@ CONSEQUENCES = {
 }
 """What it means if all effects found are of one kind."""
 NUMERALS = ("No", "One", "Two", "Three")
-IMPLAUSIBLE = {
-    "unrepeated": "{nearest} would fit, but nothing shows that it comes from outside: in this recording the "
-    "mechanism never passes through the same states without it, or not often enough.",
-    "shapeless": "Only effects with times, frequencies or states of their own, several of them together, "
-    "would fit; such effects fit almost anything.",
-    "loose": "The simulation's own stiffness, damping, gains and loads, all moved together, fit better than "
-    "any effect does: identify the simulation anew before looking for physics that it lacks.",
-}
-"""Why an explanation is rejected although it leaves nothing unexplained."""
 
 
 def write_summary(diagnosis: Diagnosis) -> str:
@@ -120,6 +111,7 @@ def _write_none(diagnosis: Diagnosis) -> list[str]:
     chance = format_probability(sum_probability(diagnosis, "none"))
     sentences = [f"The simulation agrees with the recording: nothing has to be added (probability {chance})."]
     sentences.append(_compare_miss(diagnosis, "its forecasts miss", "even the true model would miss by"))
+    sentences.append(_mention_immaterial(diagnosis))
     invisible = list_excited(diagnosis, "no")
     if invisible:
         more = len(invisible) - MAX_NAMED
@@ -134,16 +126,12 @@ def _write_unknown(diagnosis: Diagnosis) -> list[str]:
     chance = format_probability(sum_probability(diagnosis, "unknown"))
     known = _list_effect_candidates(diagnosis)
     nearest = name_candidate(known[0]) if known else "An outer force"
-    doubt = diagnosis.checks.get("doubt")
-    verb = "is accepted as the cause of" if doubt else "explains"
     sentences = [
         _describe_size(diagnosis),
         _describe_place(diagnosis),
-        f"No effect of the catalogue {verb} it (probability {chance}).",
+        f"No effect of the catalogue explains it (probability {chance}).",
     ]
-    if doubt:
-        sentences.append(IMPLAUSIBLE[doubt].format(nearest=_capitalize(nearest)))
-    elif known:
+    if known:
         closes = (known[0].closure and known[0].closure.value) or 0.0
         much = f" would close {format_percent(closes)} of it but" if closes > 0.0 else ""
         sentences.append(
@@ -151,7 +139,18 @@ def _write_unknown(diagnosis: Diagnosis) -> list[str]:
             "cause, since a wrong effect often closes much of a gap."
         )
         sentences.append(_mention_combination(diagnosis))
+    sentences.append(_mention_immaterial(diagnosis))
     return [*sentences, describe_effect("unknown").remedy, _recommend_next(diagnosis)]
+
+
+def _mention_immaterial(diagnosis: Diagnosis) -> str:
+    """Mention effects that are there and too small to matter."""
+    found = diagnosis.checks.get("immaterial")
+    if not found:
+        return ""
+    names = join_texts([short_title(name) for name in found["effects"]], "and")
+    share = format_percent(max(found["share"]["value"], 0.0))
+    return f"{_capitalize(names)} can be seen but hardly matters: {share} of the gap beyond a refit."
 
 
 def _mention_combination(diagnosis: Diagnosis) -> str:

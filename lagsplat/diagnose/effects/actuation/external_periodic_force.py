@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import IMPLAUSIBILITY
+from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import Effect, ForceEffect, Grade, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
@@ -52,7 +52,7 @@ def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: Pl
     """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
     longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
     cycles = abs(parameters["angular_frequency"]) * longest_s / (2.0 * np.pi)
-    return min(1.0, cycles / IMPLAUSIBILITY.certain_cycles)
+    return min(1.0, cycles / RECURRENCE.certain_cycles)
 
 
 EFFECT = ForceEffect(

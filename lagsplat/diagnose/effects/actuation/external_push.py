@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lagsplat.diagnose.core.config import IMPLAUSIBILITY
+from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
@@ -76,9 +76,9 @@ def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: Pl
     strength = np.abs([parameters[f"acceleration {n}"] for n in range(N_PUSHES)])
     s, v = dataset.q @ placed.direction.covector, dataset.v @ placed.direction.covector
     rms_s, rms_v = max(float(np.std(s)), 1e-12), max(float(np.std(v)), 1e-12)
-    pause_s = IMPLAUSIBILITY.passage_periods * 2.0 * np.pi * rms_s / rms_v
+    pause_s = RECURRENCE.passage_periods * 2.0 * np.pi * rms_s / rms_v
     pushed, free = np.zeros(len(dataset.time), dtype=bool), np.ones(len(dataset.time), dtype=bool)
-    for n in np.flatnonzero(strength > IMPLAUSIBILITY.min_push_share * strength.max()):
+    for n in np.flatnonzero(strength > RECURRENCE.min_push_share * strength.max()):
         off_s = np.abs(dataset.time - parameters[f"time {n}"]) - 0.5 * parameters[f"duration {n}"]
         pushed |= off_s <= dataset.dt_s
         free &= off_s > max(pause_s, dataset.dt_s)
@@ -86,7 +86,7 @@ def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: Pl
         return 0.0
     state = np.stack([s / rms_s, v / rms_v], axis=1)
     distance, _ = cKDTree(state[free]).query(state[pushed])
-    return float(np.mean(distance < IMPLAUSIBILITY.state_distance))
+    return float(np.mean(distance < RECURRENCE.state_distance))
 
 
 EFFECT = ForceEffect(
@@ -106,8 +106,6 @@ EFFECT = ForceEffect(
     constants=lambda scales, variant: (scales.frame_s,),
     report_parameters=report_pushes,
     excitation=grade_excitation,
-    # three pushes at free times imitate most of what happens once
-    log_prior_penalty=3.0,
     flexible=True,
     recurrence=measure_recurrence,
     mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model.",

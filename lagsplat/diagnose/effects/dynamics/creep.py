@@ -1,10 +1,7 @@
 """Viscoelastic creep of a linear solid: a spring in series with a dashpot, beside the mechanism's spring."""
 
-from collections.abc import Mapping
-
-from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -28,12 +25,6 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     return make_grade(wide and few, many, f"slow half-swings last {ratio}", record)
 
 
-def penalize_unsettled(parameters: Mapping[str, float], placed: PlacedEffect) -> float:
-    """Creep that takes half of the recording or more has not settled in it; a spring explains it as well."""
-    slow = parameters["time_constant"] > VERDICT.elastic_creep_share * placed.scales.duration_s
-    return VERDICT.elastic_creep_penalty if slow else 0.0
-
-
 EFFECT = ForceEffect(
     name="creep",
     group="D",
@@ -54,7 +45,6 @@ EFFECT = ForceEffect(
     passive=True,
     excitation=grade_excitation,
     confusable_with=("viscous_damping", "linear_stiffness", "parameter_drift"),
-    fitted_penalty=penalize_unsettled,
     flexible=True,
     mujoco="springs of joints have no internal state; it would need a massless body in series.",
     title="creep of a soft material",

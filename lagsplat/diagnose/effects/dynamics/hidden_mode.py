@@ -51,8 +51,6 @@ EFFECT = ForceEffect(
     },
     excitation=grade_excitation,
     confusable_with=("external_periodic_force", "mass_change"),
-    # a resonance of its own imitates inertia, damping and vibration
-    log_prior_penalty=3.0,
     flexible=True,
     mujoco="it would need another body, whose place and axis a generalised coordinate does not tell.",
     title="a part that swings along and that the simulation does not have",

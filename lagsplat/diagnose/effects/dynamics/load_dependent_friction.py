@@ -44,8 +44,6 @@ EFFECT = ForceEffect(
     report_parameters=lambda p, placed: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
-    # has Coulomb friction as a special case
-    log_prior_penalty=2.0,
     mujoco="the friction loss of a joint does not depend on the load that it carries.",
     title="friction that grows with load",
     kind="mechanism",

@@ -51,8 +51,6 @@ EFFECT = ForceEffect(
     },
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
-    # has Coulomb friction as a special case
-    log_prior_penalty=2.0,
     mujoco="the friction loss of a joint does not depend on its speed.",
     title="dry friction that sticks",
     kind="mechanism",

@@ -39,8 +39,6 @@ EFFECT = ObservationEffect(
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
     excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force"),
-    # zoom and shift imitate a gain, a stiffness or a tilt
-    log_prior_penalty=4.0,
     camera="moved between recordings",
     title="a camera that was moved or zoomed",
     kind="observation",

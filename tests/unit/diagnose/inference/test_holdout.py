@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.core.config import PROBLEM
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
 from lagsplat.diagnose.effects.dynamics import linear_stiffness
 from lagsplat.diagnose.inference.holdout import (
@@ -19,7 +18,7 @@ from lagsplat.diagnose.inference.holdout import (
     split_windows,
 )
 from lagsplat.diagnose.inference.placement import measure_motion_scales
-from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
+from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, limit_squared_deviation
 from tests.unit.diagnose.toys import OMEGA, RATE, contest, film, own, wave
 
 PERIOD_S = 1.0
@@ -122,7 +121,7 @@ def test_the_sim_moves_no_further_than_is_plausible(
     half, deviation = split_windows(one)[0], one.rollout_model.nuisance.deviation
     free = half.fit((), none.fit.x).x
     bounded = fit_half(half, none)
-    limit = PROBLEM.max_squared_deviation
+    limit = limit_squared_deviation(len(deviation))
     assert ((free / deviation) ** 2).sum() > 3.0 * limit
     assert ((bounded / deviation) ** 2).sum() == pytest.approx(limit)
     believed = half.fit(true.effects, true.fit.x).x
