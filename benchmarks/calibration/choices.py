@@ -12,7 +12,7 @@ from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
 
-SHARED = ("nominal", "chance", "relaxed_log_evidence")  # what all alternatives of a recording have in common
+SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
 LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: it stands beside the same one with it
 
 
@@ -66,7 +66,7 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
     for row in rows:
         answer = row["answer"]
         truth = answer["truth"]
-        if not answer["identifiable"] or row["verdict"] == "undetermined":
+        if not answer["identifiable"] or row["undetermined"]:
             continue
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
         kind = "none" if not truth else "outside" if outside else "pair" if len(truth) > 1 else "single"

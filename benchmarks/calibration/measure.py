@@ -20,8 +20,9 @@ from benchmarks.calibration.choices import pack_alternatives
 from benchmarks.gapgen.answers import left_out
 from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.diagnosis import search_gap
 from lagsplat.diagnose.verdict.alternatives import measure_alternatives
-from lagsplat.pipelines.diagnosis import run_diagnosis
+from lagsplat.pipelines.diagnosis import prepare_search
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 KEPT = (
@@ -32,19 +33,21 @@ KEPT = (
 
 
 def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseConfig) -> dict[str, Any]:
-    """Diagnose one recording with the whole catalogue, and measure it again without its true effects."""
-    began = time.perf_counter()
+    """Measure the alternatives of one recording with the whole catalogue, and without its true effects."""
+    began = time.process_time()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
-        run = run_diagnosis(inputs, config, report_progress=lambda name: None)
-        row: dict[str, Any] = {"seconds": time.perf_counter() - began}
-        row |= {"verdict": run.diagnosis.verdict, "named": run.diagnosis.combination}
-        row["full"] = pack_alternatives(measure_alternatives(run.search))
+        sim, config, offset = prepare_search(inputs, config, report_progress=lambda name: None)
+        search = search_gap(sim, inputs.real, config, offset)
+        alternatives = measure_alternatives(search)
+        row: dict[str, Any] = {"full": pack_alternatives(alternatives)}
+        row["undetermined"] = bool(inputs.checked.undetermined) or not alternatives.explained
         names = {name for effect in truth["truth"] for name in effect["class"]}
-        if names - {"unknown"}:
-            without = run.search.leave_out(left_out(sorted(names)))
+        if names - {"unknown"} and not row["undetermined"]:
+            without = search.leave_out(left_out(sorted(names)))
             row["left_out"] = pack_alternatives(measure_alternatives(without))
+        row["seconds"] = time.process_time() - began
     return row
 
 

@@ -20,6 +20,11 @@ from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_mode
 from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+UNEXPLAINED = (
+    "the simulation explains less than half of the real motion, whatever is added to it: compare units, "
+    "signs, inputs and starts of both"
+)
+
 
 @dataclass(frozen=True)
 class DiagnosisRun:
@@ -39,6 +44,27 @@ class DiagnosisRun:
     def ranking(self) -> ModelRanking:
         """The fits of single effects."""
         return self.search.ranking
+
+
+def search_gap(
+    sim: EstimatedSimulator,
+    real: Sequence[Trajectory],
+    config: DiagnoseConfig,
+    log_evidence_offset: float = 0.0,
+    *,
+    report_progress: Callable[[str], None] = lambda name: None,
+) -> EffectSearch:
+    """Place the effects of the catalogue, and fit them and sets of them; the arguments are `diagnose`'s.
+
+    Raises:
+        ValueError: the motions are too short for a single window.
+    """
+    problem = build_problem(sim, real, config)
+    hints = find_hints(sim.model, real, period_s=problem.period_s, hold=config.input_hold)
+    names = {"q_names": real[0].q_names, "u_names": real[0].u_names}
+    candidates = place_effects(problem.rollout_model, hints, **names, without=config.without)
+    budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
+    return search_effects(problem, candidates, budget, report_progress=report_progress)
 
 
 def diagnose(
@@ -63,13 +89,8 @@ def diagnose(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    problem, q_names, u_names = build_problem(sim, real, config), real[0].q_names, real[0].u_names
-    hints = find_hints(sim.model, real, period_s=problem.period_s, hold=config.input_hold)
-    candidates = place_effects(
-        problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
-    )
-    budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
-    search = search_effects(problem, candidates, budget, report_progress=report_progress)
+    q_names, u_names = real[0].q_names, real[0].u_names
+    search = search_gap(sim, real, config, log_evidence_offset, report_progress=report_progress)
     problem, ranking = search.problem, search.ranking
     alternatives = measure_alternatives(search)
     names = [name for name in catalogue() if name not in config.without]
@@ -84,6 +105,7 @@ def diagnose(
     checks = {
         "natural_period_s": problem.period_s,
         "noise": problem.sigma.tolist(),
+        **({} if alternatives.explained else {"undetermined": [UNEXPLAINED]}),
         "refit": estimate_refit(problem, ranking.none, ranking.noise_inflation, (q_names, u_names)),
         **_measure_fits(sim, search, judgement),
     }

@@ -40,6 +40,26 @@ MAX_NOMINAL_PERIODS = 40
 """Natural periods of the sim's own trajectories that give the floors of the error budget."""
 
 
+def prepare_search(
+    inputs: DiagnosisInputs, config: DiagnoseConfig, *, report_progress: Callable[[str], None]
+) -> tuple[EstimatedSimulator, DiagnoseConfig, float]:
+    """The sim, the settings and the log evidence that effects gain by the sim's own errors [nat].
+
+    They are adapted to the recordings: the sim's misfit to the windows that move alike.
+    """
+    sim, null_motion, log_evidence_offset = inputs.sim, inputs.null_motion, 0.0
+    if null_motion is not None and sim.novelty_detector is not None:
+        with contextlib.suppress(ValueError):  # the reference is too short for a window
+            sim = measure_misfit(sim, match_windows(sim, null_motion, inputs.real, config))
+    config = _adapt_settings(replace(inputs, sim=sim), config)
+    if null_motion is not None:
+        with contextlib.suppress(ValueError):  # likewise
+            log_evidence_offset = calibrate_null_evidence(
+                sim, null_motion, inputs.real, config, report_progress=report_progress
+            )
+    return sim, config, log_evidence_offset
+
+
 def run_diagnosis(
     inputs: DiagnosisInputs, config: DiagnoseConfig, *, report_progress: Callable[[str], None]
 ) -> DiagnosisRun:
@@ -48,20 +68,11 @@ def run_diagnosis(
     Raises:
         ValueError: the motions are too short for a single window.
     """
-    null_motion, log_evidence_offset = inputs.null_motion, 0.0
-    if null_motion is not None and inputs.sim.novelty_detector is not None:
-        with contextlib.suppress(ValueError):  # the reference is too short for a window
-            problem = match_windows(inputs.sim, null_motion, inputs.real, config)
-            inputs = replace(inputs, sim=measure_misfit(inputs.sim, problem))
-    config = _adapt_settings(inputs, config)
-    if null_motion is not None:
-        with contextlib.suppress(ValueError):  # likewise
-            log_evidence_offset = calibrate_null_evidence(
-                inputs.sim, null_motion, inputs.real, config, report_progress=report_progress
-            )
+    sim, config, log_evidence_offset = prepare_search(inputs, config, report_progress=report_progress)
+    inputs = replace(inputs, sim=sim)
     image_quality = inputs.recordings.image_quality if inputs.recordings is not None else None
     run = diagnose(
-        discount_image_error(inputs.sim, image_quality.perception if image_quality is not None else None),
+        discount_image_error(sim, image_quality.perception if image_quality is not None else None),
         inputs.real,
         config,
         log_evidence_offset=log_evidence_offset,

@@ -426,7 +426,7 @@ class PROBLEM:
     """Which windows and directions enter an estimation, and where effects are tried."""
 
     plausible_quantile: float = 0.999  # of chi-squared: prior distance that parameters plausibly have [1]
-    min_explained_share: float = 0.5  # share of the motion that the sim explains in windows of full length [1]
+    min_explained_share: float = 0.5  # share of the motion explained in windows of full length [1]
     min_known_share: float = 0.7  # share of windows a sim must know before others are left out [1]; 937389d
     max_open_directions: int = 6  # directions that identification leaves open, at most [count]; 0e95f8e
     min_visibility: float = 0.3  # misfit's curvature along a visible one, in prior standard deviations [1]

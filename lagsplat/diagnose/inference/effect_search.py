@@ -122,8 +122,9 @@ def combine_effects(
         def measure(fit: HypothesisFit, noise_inflation: float = noise_inflation) -> float:
             if fit.moves_samples:
                 return fit.log_evidence
-            both = (compute_log_evidence(x, problem.rollout_model, noise_inflation) for x in (fit, ranking.none))
-            return next(both) - next(both)
+            model, none = problem.rollout_model, ranking.none
+            base = compute_log_evidence(none, model, noise_inflation)
+            return compute_log_evidence(fit, model, noise_inflation) - base
 
         best = max(larger, key=measure)
         gain = measure(best) - measure(chain[-1])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import VERDICT
+from lagsplat.diagnose.core.config import PROBLEM, VERDICT
 from lagsplat.diagnose.inference.effect_search import EffectSearch
 from lagsplat.diagnose.inference.holdout import HeldOutBlocks
 from lagsplat.diagnose.inference.model_selection import ModelRanking
@@ -53,6 +53,12 @@ class Alternatives:
     nominal: float  # mean square residual of a true law [noise variances]
     chance: float  # standard deviation of a mean square residual, relative [1]
     relaxed_log_evidence: float  # log evidence over `none` of the sim with relaxed priors [nat]
+    motionless: float  # mean square residual of a sim at rest [noise variances]
+
+    @property
+    def explained(self) -> bool:
+        """Whether the best alternative explains at least a half of the motion."""
+        return self.least_misfit <= (1.0 - PROBLEM.min_explained_share) * self.motionless
 
     @property
     def best(self) -> Measures:
@@ -114,7 +120,7 @@ def measure_alternatives(search: EffectSearch) -> Alternatives:
         )
     relaxed, loose = _fit_relaxed(problem, ranking)
     lead = compute_log_evidence(relaxed, loose.rollout_model, inflation) - base
-    return Alternatives(tuple(measures), fits, level, chance, lead)
+    return Alternatives(tuple(measures), fits, level, chance, lead, problem.motionless_misfit)
 
 
 def estimate_noise_level(nominal: float, least: float, chance: float) -> float:

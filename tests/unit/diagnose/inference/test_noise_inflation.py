@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.inference.effect_search import inflate_noise
 from lagsplat.diagnose.inference.model_selection import SearchBudget
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_autocorrelation_time
-from lagsplat.diagnose.inference.robustness import inflate_noise
 from tests.unit.diagnose.toys import contest, film, own, settings, wave
 
 

@@ -1,9 +1,17 @@
 """A conditional logit finds the weights that choices were drawn with, and says how sure it is."""
 
+import json
+
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.verdict.choice_model import Choice, ChoiceModel, fit_choice_model
+from lagsplat.diagnose.verdict.choice_model import (
+    Choice,
+    ChoiceModel,
+    fit_choice_model,
+    load_choice_model,
+)
+from lagsplat.diagnose.verdict.features import NAMES
 
 TRUE = np.array([1.5, -0.7, 0.4])
 CALLED = ("a", "b", "c")
@@ -61,3 +69,11 @@ def test_a_wider_prior_bends_more() -> None:
     drawn = draw_choices(100, 3)
     sizes = [np.abs(fit_choice_model(drawn, CALLED, ridge=r).weights).sum() for r in (1e-3, 10.0, 1e4)]
     assert sizes == sorted(sizes, reverse=True)
+
+
+def test_the_calibrated_model_weighs_the_features_that_are_computed(tmp_path) -> None:
+    assert load_choice_model().names == NAMES
+    other = tmp_path / "model.json"
+    other.write_text(json.dumps({"weights": {"effect": 1.0}}))
+    with pytest.raises(ValueError, match="calibrate again"):
+        load_choice_model(other)

@@ -1,0 +1,90 @@
+"""The most probable alternative is the verdict, and every name has a probability."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
+from lagsplat.diagnose.verdict.features import NAMES
+from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives
+from tests.unit.diagnose.verdict.made_alternatives import NONE, Alternatives, Measures, alternatives, effect
+
+CATALOGUE = tuple(catalogue())
+
+
+def weigh(**weights: float) -> ChoiceModel:
+    return ChoiceModel(NAMES, np.array([weights.get(name, 0.0) for name in NAMES]))
+
+
+def judge(made: Alternatives, model: ChoiceModel | None = None) -> Judgement:
+    return judge_alternatives(made, model or weigh(evidence=1.0, none=3.0, unknown=3.0), catalogue=CATALOGUE)
+
+
+def test_the_likeliest_effect_is_the_verdict() -> None:
+    made = alternatives(effect("creep"), effect("input_lag", log_evidence=10.0))
+    said = judge(made)
+    assert said.verdict == "effect"
+    assert next(iter(said.probabilities)) == "creep"
+    assert said.best is made.fits[1]
+
+
+@pytest.mark.parametrize("verdict", ["none", "unknown"])
+def test_none_and_unknown_are_verdicts_as_well(verdict: str) -> None:
+    made = alternatives(effect("creep", log_evidence=1.0))
+    said = judge(made, weigh(evidence=1.0, **{verdict: 4.0}))
+    assert said.verdict == verdict
+    assert next(iter(said.probabilities)) == verdict
+    assert said.best is made.fits[1]  # what comes nearest is kept
+
+
+def test_probabilities_are_a_distribution_over_the_catalogue_none_and_unknown() -> None:
+    probabilities = judge(alternatives(effect("creep"), effect("input_lag"))).probabilities
+    assert sum(probabilities.values()) == pytest.approx(1.0)
+    assert set(probabilities) == {*CATALOGUE, "none", "unknown"}
+    assert list(probabilities.values()) == sorted(probabilities.values(), reverse=True)
+
+
+def test_names_of_a_set_share_its_probability() -> None:
+    pair = effect("creep", "input_lag", log_evidence=1e6)
+    said = judge(alternatives(effect("creep", log_evidence=5.0), pair))
+    assert said.verdict == "effect"
+    assert set(list(said.probabilities)[:2]) == {"creep", "input_lag"}
+    assert said.equivalent == ()
+
+
+def test_what_the_recording_does_not_tell_apart_is_named_together() -> None:
+    near = effect("input_lag", log_evidence=280.0)
+    far = effect("end_stop", log_evidence=1.0)
+    assert judge(alternatives(effect("creep"), near, far)).equivalent == (("creep", "input_lag"),)
+    assert judge(alternatives(effect("creep", log_evidence=1e4), near)).equivalent == ()
+
+
+def test_without_effects_there_is_no_best() -> None:
+    said = judge(alternatives())
+    assert (said.best, said.equivalent) == (None, ())
+
+
+def test_a_rejected_effect_trades_places_with_the_new_verdict() -> None:
+    said = judge(alternatives(effect("creep")))
+    before, after = said.probabilities, said.reject("none").probabilities
+    assert after["none"] == before["creep"]
+    assert after["creep"] == before["none"]
+    assert next(iter(after)) == "none"
+    assert sum(after.values()) == pytest.approx(1.0)
+
+
+def quiet(**measured: float) -> Measures:
+    """A sim that agrees with the recording, but for what is said."""
+    values = {"misfit": 1.0, "error": 0.02, "memory": 1.0}
+    return Measures(**{**vars(NONE), **values, **measured})
+
+
+def test_the_calibrated_model_says_what_no_one_doubts() -> None:
+    model = load_choice_model()
+    rival = effect("input_lag", misfit=8.0, log_evidence=20.0, error=0.11, gain_z=0.5)
+    assert judge(alternatives(effect("creep"), rival), model).verdict == "effect"
+    still = effect("creep", misfit=1.0, log_evidence=-4.0, error=0.0201, gain_z=-0.2, parameters=3)
+    assert judge(alternatives(still, none=quiet()), model).verdict == "none"
+    poor = effect("creep", misfit=60.0, log_evidence=90.0, error=0.9, gain_z=1.0, memory=25.0, surprise=9.0)
+    lost = Measures(**{**vars(NONE), "misfit": 90.0, "error": 1.0})
+    assert judge(alternatives(poor, none=lost), model).verdict == "unknown"
