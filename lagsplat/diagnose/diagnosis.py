@@ -62,7 +62,12 @@ def diagnose(
     problem, q_names, u_names = build_problem(sim, real, config), real[0].q_names, real[0].u_names
     hints = find_hints(sim.model, real, period_s=problem.period_s, hold=config.input_hold)
     candidates = place_effects(
-        problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
+        problem.rollout_model,
+        hints,
+        q_names=q_names,
+        u_names=u_names,
+        without=config.without,
+        targets=config.targets,
     )
 
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)

@@ -1,9 +1,10 @@
 """The classical Runge-Kutta method: compiled rollouts of a simulator with added forces.
 
 A batch is ``P`` sets of parameters times ``W`` windows of a recording. An added force acts along a direction
-``p``: with ``s = p.(q - rest)`` its law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is
-added to the generalised forces, ``m`` being the reference inertia along ``p``. Force laws are compiled one by
-one and passed as functions, so that a new effect compiles alone.
+``p`` and sees a direction ``w``, which is ``p`` unless it couples coordinates: with ``s = w.(q - rest)`` its
+law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the generalised forces, ``m``
+being the reference inertia along ``p``. Force laws are compiled one by one and passed as functions, so that a
+new effect compiles alone.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
 """
@@ -121,7 +122,7 @@ def compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, scratch):
+def _rate(basis, fields, laws, along, seen, inertia, theta, t, state, u, rate, scratch):
     """Write the rate of ``state``: coordinates, velocities and the force laws' memories, slot after slot."""
     phi, slope, work, m, powers = scratch
     rest = fields[7]
@@ -133,8 +134,8 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, scratch
             continue
         s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
         for i in range(d):
-            s += along[slot, i] * (state[i] - rest[i])
-            v += along[slot, i] * state[d + i]
+            s += seen[slot, i] * (state[i] - rest[i])
+            v += seen[slot, i] * state[d + i]
             spring += along[slot, i] * work[i]
             drive += along[slot, i] * work[d + i]
         reference = inertia[slot]
@@ -149,7 +150,7 @@ def _rate(basis, fields, laws, along, inertia, theta, t, state, u, rate, scratch
 @njit(parallel=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def roll_out_batch(
-    basis, fields, laws, along, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
+    basis, fields, laws, along, seen, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
 
@@ -159,8 +160,8 @@ def roll_out_batch(
         basis: kind, order, centre and scale of the basis.
         fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
             drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
-        laws, along, inertia: compiled force laws, one a slot, their directions (slots, d), and the reference
-            inertia along each, zero for a slot that is not used.
+        laws, along, seen, inertia: compiled force laws, one a slot, the directions (slots, d) in which they
+            act and that they see, and the reference inertia, zero for a slot that is not used.
         theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
             (P, W, slots, Z).
         starts: initial states (P, W, 2 d).
@@ -196,7 +197,7 @@ def roll_out_batch(
                     for i in range(size):
                         y[i] = x[i] + 0.5 * at * h * rate[i]
                     t, inputs = time[n] + (step + 0.5 * at) * h, u[u_of[p], n, step, at]
-                    _rate(basis, own, laws, along, inertia, theta[p], t, y, inputs, rate, scratch)
+                    _rate(basis, own, laws, along, seen, inertia, theta[p], t, y, inputs, rate, scratch)
                     for i in range(size):
                         total[i] = (0.0 if stage == 0 else total[i]) + rate[i] * (2.0 if at == 1 else 1.0)
                 for i in range(size):

@@ -41,6 +41,7 @@ EFFECT = ObservationEffect(
     confusable_with=("input_gain", "constant_force"),
     # zoom and shift imitate a gain, a stiffness or a tilt
     log_prior_penalty=4.0,
+    recorded_by="film",
     camera="moved between recordings",
     title="a camera that was moved or zoomed",
     kind="observation",
