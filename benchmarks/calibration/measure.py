@@ -11,6 +11,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseCon
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
+        config = replace(config, targets=truth.get("position_targets", {}))
         inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
         run = run_diagnosis(inputs, config, report_progress=lambda name: None)
         row: dict[str, Any] = {"seconds": time.perf_counter() - began}
