@@ -196,7 +196,7 @@ def answer(identity: str, s: Stratum, recording: Recording, split: str) -> dict[
                 "coordinate": None if effect.coordinate is None else f"q{effect.coordinate}",
                 "input": None if effect.input is None else f"u{effect.input}",
                 "class": equivalent(effect, s, truth),
-                "component": COMPONENTS.get(effect.name),
+                "component": COMPONENTS.get(reported(effect.name, s)),
                 "level": _level(effect.name),
                 "time_s": effect.time_s,
                 "frequency_hz": effect.frequency_hz,

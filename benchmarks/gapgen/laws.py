@@ -164,7 +164,7 @@ def resistive(law, th, t, q, v):
         return -th[0] * th[3] * np.tanh(th[4] * np.cos(th[1] * t + th[2])) / np.tanh(th[4]) * q
     if law == LIP_SEAL:
         level = th[0] if v > 0.0 else th[1]
-        return -level * v / th[2] * (abs(v) / th[2] + 1e-3) ** (th[3] - 1.0)
+        return -level * v / (abs(v) + th[2])
     if law == BELT:
         # friction on a belt that moves, falling with the speed of slip
         slip = (v - th[1]) / th[2]

@@ -1,7 +1,7 @@
 """Effects of machines: masses that are carried, rotors, controllers, motors, teeth, seals, shaken frames.
 
 Their laws differ from those of the catalogue where physics offers another one: teeth with a second harmonic,
-a stiffness wave with flanks, seals of a power below one, a motor whose supply sags by the power drawn, a
+a stiffness wave with flanks, seals whose drag levels off, a motor whose supply sags by the power drawn, a
 follower force with a limit, masses as parameters of the equations, a base that moves in space.
 """
 
@@ -126,7 +126,7 @@ def _losses(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
     w = 2.0 * np.pi * s.f1_hz[i]
     centre, width = rng.uniform(-1.0, 1.0) * s.x[i], rng.uniform(0.4, 1.2) * s.x[i]
     pick, side, weak = rng.random(), rng.random() < 0.5, rng.uniform(0.0, 0.3)
-    power = rng.uniform(0.15, 0.4)
+    soft = float(s.v[i] * np.exp(rng.uniform(np.log(0.03), np.log(0.5))))
 
     def make(a: float) -> Effect:
         if name == "position_dependent_damping":
@@ -140,7 +140,7 @@ def _losses(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
         strong = 0.8 * a * w**2 * s.x[i]
         forward, backward = (strong, weak * strong) if side else (weak * strong, strong)
         truth = {"forward": forward, "backward": backward, "of": "direction"}
-        row = (laws.LIP_SEAL, i, j, [forward, backward, s.v[i], power])
+        row = (laws.LIP_SEAL, i, j, [forward, backward, soft])
         return Effect(name, [row], parameters=truth)
 
     return make

@@ -28,7 +28,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 EFFECT = ForceEffect(
     name="cogging",
     group="C",
-    number=8,
+    number=7,
     component="conservative",
     equation="a = acceleration cos(2 pi s / pitch + phase)",
     parameters=(

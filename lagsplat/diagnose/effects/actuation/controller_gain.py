@@ -55,8 +55,8 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
 
 EFFECT = ForceEffect(
     name="controller_gain",
-    group="C",
-    number=6,
+    group="A",
+    number=9,
     component="actuation",
     level="actuation",
     equation="a = (kp_ratio - 1) kp (u - q) - kd v, u the position target",

@@ -37,7 +37,7 @@ def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
 EFFECT = ForceEffect(
     name="torque_speed_limit",
     group="C",
-    number=7,
+    number=6,
     component="actuation",
     level="actuation",
     equation="a_drive = clip(a_drive, -stall (1 + v / no_load), stall (1 - v / no_load))",

@@ -37,8 +37,8 @@ def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
 
 EFFECT = ForceEffect(
     name="circulatory_force",
-    group="A",
-    number=9,
+    group="F",
+    number=2,
     component="conservative",
     equation="a_1 = coupling s_2, a_2 = -coupling s_1; gyroscopic: v in place of s",
     parameters=(EffectParameter("coupling", "ratio", Normal(0.2)),),

@@ -67,7 +67,7 @@ EFFECT = ForceEffect(
     mujoco="parameters of a model do not depend on time.",
     title="a stiffness that changes periodically",
     kind="mechanism",
-    what="The pull back to rest rises and falls by a rhythm of its own: of meshing teeth, of a turning shaft.",
+    what="The pull back to rest rises and falls by a rhythm of its own, as of teeth or a turning shaft.",
     symptom="Swings grow and shrink with a rhythm, and grow without end at twice the natural frequency.",
     remedy="Let the simulation's stiffness depend on time, or find what changes it.",
 )
