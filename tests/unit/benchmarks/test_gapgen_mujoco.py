@@ -134,9 +134,7 @@ def test_its_position_actuator_is_a_spring_to_a_target_with_damping() -> None:
     target = 0.2 * np.sin(5.0 * np.arange(400) * 0.01)[:, None]
     plan = Plan(0.01, [0.0], [np.array([0.1, 0.0])], [0], [target])
     for effects in ([], changed):
-        found, expected = (
-            world(mech, effects).move(plan)[0].x for world, mech in ((MujocoWorld, m), (World, own))
-        )
+        found, expected = (world.move(plan)[0].x for world in (MujocoWorld(m, effects), World(own, effects)))
         assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
 

@@ -11,7 +11,7 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-forward`` or ``backward`` by the sign of ``v``, times a power of the speed, smooth at zero."""
+    """Return ``-forward`` or ``-backward``, by the sign of ``v``, times a power of the speed."""
     level = theta[0] if v > 0.0 else theta[1]
     return -level * math.tanh(v / theta[3]) * (abs(v) / theta[4] + 1e-3) ** theta[2]
 
