@@ -126,7 +126,7 @@ def _losses(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
     w = 2.0 * np.pi * s.f1_hz[i]
     centre, width = rng.uniform(-1.0, 1.0) * s.x[i], rng.uniform(0.4, 1.2) * s.x[i]
     pick, side, weak = rng.random(), rng.random() < 0.5, rng.uniform(0.0, 0.3)
-    soft = float(s.v[i] * np.exp(rng.uniform(np.log(0.03), np.log(0.5))))
+    soft = float(s.v[i] * np.exp(rng.uniform(np.log(0.03), np.log(0.2))))
 
     def make(a: float) -> Effect:
         if name == "position_dependent_damping":

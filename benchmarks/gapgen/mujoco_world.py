@@ -158,7 +158,8 @@ class MujocoWorld(World):
         """Integration steps in a sample."""
         step = (3e-3 if self.effects else 6e-3) / self.top_hz
         for law, i, _, _ in self.which:
-            if law == laws.BRISTLE:
+            # the drive that a motor limits is that of the step before
+            if law in (laws.BRISTLE, laws.MOTOR):
                 step = min(step, 6e-4 / self.own_hz[i])
             elif law in SHARP or law in CORNERED:
                 step = min(step, 1e-3 / self.own_hz[i])

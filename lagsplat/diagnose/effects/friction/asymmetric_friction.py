@@ -1,19 +1,33 @@
-"""Friction that differs between both directions: dry, viscous or between the two."""
+"""Friction that differs between both directions, dry or viscous."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+
+VISCOUS = "viscous"
 
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-forward`` or ``-backward``, by the sign of ``v``, times a power of the speed."""
-    level = theta[0] if v > 0.0 else theta[1]
-    return -level * math.tanh(v / theta[3]) * (abs(v) / theta[4] + 1e-3) ** theta[2]
+    """Return ``-forward`` or ``backward`` by the sign of ``v``, times a smooth step or the speed."""
+    shape = v * theta[3] if theta[3] > 0.0 else math.tanh(v / theta[2])
+    return -(theta[0] if v > 0.0 else theta[1]) * shape
+
+
+def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
+    """Speed over which dry friction is smooth, and what makes a speed a share of the rms, or zero."""
+    return (0.02 * scales.velocity, 1.0 / scales.velocity if variant == VISCOUS else 0.0)
+
+
+def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
+    unit = _constants(placed.scales, placed.variant)[1] or 1.0
+    return {name: parameters[name] * unit for name in ("forward", "backward")}
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -27,18 +41,18 @@ EFFECT = ForceEffect(
     group="B",
     number=6,
     component="dissipative",
-    equation="a = -(forward for v > 0, backward for v < 0) (|v| / rms v)^power sign(v)",
+    equation="a = -forward sign(v) for v > 0, -backward sign(v) for v < 0; viscous: v in place of sign(v)",
     parameters=(
         EffectParameter("forward", "acceleration", HalfNormal(0.2)),
         EffectParameter("backward", "acceleration", HalfNormal(0.2)),
-        # 0 is dry, 1 viscous
-        EffectParameter("power", "ratio", HalfNormal(0.7), (0.01, 0.4, 1.0)),
     ),
     needs="motion in both directions at several speeds",
+    variants=("", VISCOUS),
+    variant_units={VISCOUS: "1/s"},
     law=force,
-    constants=lambda scales, variant: (0.02 * scales.velocity, scales.velocity),
+    constants=_constants,
     passive=True,
-    report_units={"power": "1"},
+    report_parameters=_report_parameters,
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     # has dry and viscous friction as special cases
