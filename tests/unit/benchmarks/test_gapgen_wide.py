@@ -66,7 +66,7 @@ def setting_on(m: Mechanism) -> Setting:
     """Scales of a motion as large as the mechanism."""
     inertia = np.diag(m.inertia_at_rest())
     w = np.sqrt(np.diag(m.stiffness_at_rest()) / inertia)
-    u = np.abs(np.linalg.solve(m.b, np.diag(m.stiffness_at_rest()) * 0.4 * m.size))
+    u = np.abs(np.linalg.solve(m.b, np.diag(m.stiffness_at_rest()) * 0.1 * m.size))
     x, v = 0.5 * m.size, 0.5 * m.size * w
     scales = (w / (2.0 * np.pi), x, v, m.size, 2.0 * v, u, 2.0 * u, np.full(m.d, 0.02))
     more = {"wide": True, "inertia": inertia, "gain": m.b / inertia[:, None], "payload_kg": payload_kg(m)}
