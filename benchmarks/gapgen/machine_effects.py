@@ -106,7 +106,7 @@ def _encoder(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
 
 def _patterns(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> Maker:
     w2 = (2.0 * np.pi * s.f1_hz[i]) ** 2
-    waves, phase, second = rng.uniform(2.0, 8.0), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.3)
+    waves, phase, second = rng.uniform(2.0, 8.0), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.2)
     f, steep = s.f1_hz[i] * np.exp(rng.uniform(np.log(0.3), np.log(2.6))), rng.uniform(0.3, 2.0)
 
     def make(a: float) -> Effect:
@@ -126,7 +126,7 @@ def _losses(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
     w = 2.0 * np.pi * s.f1_hz[i]
     centre, width = rng.uniform(-1.0, 1.0) * s.x[i], rng.uniform(0.4, 1.2) * s.x[i]
     pick, side, weak = rng.random(), rng.random() < 0.5, rng.uniform(0.0, 0.3)
-    soft = float(s.v[i] * np.exp(rng.uniform(np.log(0.03), np.log(0.2))))
+    soft = float(s.v[i] * np.exp(rng.uniform(np.log(0.01), np.log(0.06))))
 
     def make(a: float) -> Effect:
         if name == "position_dependent_damping":
