@@ -11,6 +11,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseCon
     began = time.process_time()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
+        config = replace(config, targets=truth.get("position_targets", {}))
         inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
         sim, config, offset = prepare_search(inputs, config, report_progress=lambda name: None)
         search = search_gap(sim, inputs.real, config, offset)

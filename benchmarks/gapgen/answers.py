@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gapgen.drawing import Recording, Stratum
-from benchmarks.gapgen.effect import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, Effect
+from benchmarks.gapgen.effect import ACTUATION, CAMERA, NEEDS_INPUT, OUTSIDE, OUTSIDE_WIDE, Effect
 from benchmarks.gapgen.sources import source_of
 
 COMPONENTS = {
@@ -29,22 +29,42 @@ COMPONENTS = {
     "external_push": "exogenous",
     "parameter_drift": "exogenous",
     "hidden_mode": "memory",
+    "payload": "inertial",
+    "armature": "inertial",
+    "controller_gain": "actuation",
+    "torque_speed_limit": "actuation",
+    "cogging": "conservative",
+    "position_dependent_damping": "dissipative",
+    "asymmetric_friction": "dissipative",
+    "parametric_stiffness": "conservative",
+    "circulatory_force": "conservative",
+    "base_motion": "exogenous",
 }
 
 HOLDING = {
     # creep that yields at once is damping, and one that hardly yields is stiffness; a mass scales both
-    "viscous_damping": ("creep", "mass_change"),
+    "viscous_damping": ("creep", "mass_change", "position_dependent_damping", "asymmetric_friction"),
     "linear_stiffness": ("creep", "mass_change"),
-    # a mass within, held so stiffly that it moves along
-    "mass_change": ("hidden_mode",),
+    # a mass within, held so stiffly that it moves along; a load without weight
+    "mass_change": ("hidden_mode", "payload", "armature"),
+    "armature": ("hidden_mode", "payload"),
+    "payload": ("hidden_mode",),
     # a zoom, in small motions, and beside a gain what bends in large ones
-    "input_gain": ("camera_change",),
-    "camera_change": ("input_gain",),
-    "cubic_stiffness": ("camera_change",),
-    # friction without excess, without load, without give
-    "coulomb_friction": ("stribeck_friction", "load_dependent_friction", "hysteresis"),
-    # a light oscillator within that was swinging already
-    "external_periodic_force": ("hidden_mode",),
+    "input_gain": ("camera_change", "encoder_scale"),
+    "camera_change": ("input_gain", "encoder_scale"),
+    "encoder_scale": ("input_gain",),
+    "cubic_stiffness": ("camera_change", "encoder_scale"),
+    # friction without excess, without load, without give, the same in both directions
+    "coulomb_friction": (
+        "stribeck_friction",
+        "load_dependent_friction",
+        "hysteresis",
+        "asymmetric_friction",
+    ),
+    # a light oscillator within that was swinging already; a base that moves one coordinate alone
+    "external_periodic_force": ("hidden_mode", "base_motion"),
+    # a limit that is reached at speed alone
+    "input_saturation": ("torque_speed_limit",),
 }
 """Families that hold an effect as a limit: with them in the catalogue it is not left out."""
 
@@ -52,15 +72,15 @@ LINEAR = ("linear_cart", "mujoco_cart")
 """Systems whose nominal equations are linear."""
 
 
-def reported(name: str) -> str:
-    """The name a diagnosis can give: ``unknown`` for what no catalogue holds."""
-    return "unknown" if name in OUTSIDE else name
+def reported(name: str, s: Stratum) -> str:
+    """The name a diagnosis can give: ``unknown`` for what is outside the catalogue of the stratum's group."""
+    return "unknown" if name in (OUTSIDE if s.conditions is None else OUTSIDE_WIDE) else name
 
 
 def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
     """Names that this recording cannot tell from the effect, itself included, by the structural classes."""
     name, p = effect.name, effect.parameters
-    same = {reported(name)}
+    same = {reported(name, s)}
     i = effect.coordinate or 0
     w = 2.0 * np.pi * truth["natural_hz"][0]
     linear = s.system in LINEAR
@@ -107,7 +127,35 @@ def equivalent(effect: Effect, s: Stratum, truth: dict[str, Any]) -> list[str]:
         same |= {"camera_change"}
     if name in ("viscous_damping", "quadratic_drag") and not s.forced and s.duration_s < 6.0:
         same |= {"viscous_damping", "quadratic_drag"}
+    if s.conditions is not None:
+        same |= _equivalent_in_logs(effect, s, same, single=len(truth["rms"]) == 1)
     return sorted(same)
+
+
+def _equivalent_in_logs(effect: Effect, s: Stratum, same: set[str], *, single: bool) -> set[str]:
+    """Further names of the wide groups: a log has encoders, and one coordinate one inertia."""
+    name, p, more = effect.name, effect.parameters, set()
+    linear = s.system in LINEAR
+    if name in ("armature", "payload") and single:
+        # with its weight it leaves frequencies alone, and damping counts for less
+        hangs = name == "payload" and "pendulum" in s.system
+        more |= {
+            "mass_change",
+            "input_gain" if s.forced else "viscous_damping" if hangs else "linear_stiffness",
+        }
+    if name == "mass_change" and single:
+        more |= {"payload"} if p["ratio"] > 1.0 else set()
+        more |= {"viscous_damping"} if "pendulum" in s.system and not s.forced else set()
+    if name == "payload" and s.system in ("cart_pole", "mujoco_cart_pole", "furuta"):
+        # it moves on the level, with a constant inertia
+        more |= {"armature"}
+    if name == "encoder_scale" and abs(p["scale"] - 1.0) < 0.1:
+        more |= {"constant_force"}
+    if name == "encoder_scale" and linear and s.forced and abs(p["scale"] - 1.0) >= 0.1:
+        more |= {"input_gain", "mass_change"}
+    if "camera_change" in same:
+        more |= {"encoder_scale"}
+    return more
 
 
 def left_out(same: list[str]) -> list[str]:
@@ -127,7 +175,7 @@ def identifiable(effect: Effect, s: Stratum, truth: dict[str, Any], ratio: float
         return False, "too short for a slow effect"
     if s.duration_s < 6.0 and ratio < 3.0:
         return False, "too short for so small a gap"
-    if effect.name == "camera_change" and not s.forced and s.system in LINEAR:
+    if effect.name in ("camera_change", "encoder_scale") and not s.forced and s.system in LINEAR:
         return False, "the scale of a linear free motion is arbitrary"
     return True, ""
 
@@ -142,13 +190,13 @@ def answer(identity: str, s: Stratum, recording: Recording, split: str) -> dict[
         possible, reason = identifiable(effect, s, truth, ratio)
         items.append(
             {
-                "name": reported(effect.name),
+                "name": reported(effect.name, s),
                 "kind": effect.name,
                 "parameters": effect.parameters,
                 "coordinate": None if effect.coordinate is None else f"q{effect.coordinate}",
                 "input": None if effect.input is None else f"u{effect.input}",
                 "class": equivalent(effect, s, truth),
-                "component": COMPONENTS.get(effect.name),
+                "component": COMPONENTS.get(reported(effect.name, s)),
                 "level": _level(effect.name),
                 "time_s": effect.time_s,
                 "frequency_hz": effect.frequency_hz,
@@ -183,6 +231,8 @@ def _bin(ratio: float) -> str:
 
 
 def _level(name: str) -> str:
+    if name == "encoder_scale":
+        return "perception"
     if name in CAMERA:
         return "chart" if name in ("camera_change", "camera_drift", "exposure_blur") else "perception"
     return "actuation" if COMPONENTS.get(name) == "actuation" else "dynamics"

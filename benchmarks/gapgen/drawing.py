@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.gapgen.controllers import under_control
 from benchmarks.gapgen.effect import NEEDS_INPUT, Effect, Setting
 from benchmarks.gapgen.effects import maker
 from benchmarks.gapgen.files import (
@@ -22,7 +23,7 @@ from benchmarks.gapgen.mechanisms import Mechanism
 from benchmarks.gapgen.motion import BURN, Clip, Plan, World, gap, reseen, seen, unseen
 from benchmarks.gapgen.plans import forced_plan, free_plan, rescale_inputs, setting_of
 from benchmarks.gapgen.sensors import Sensor, measured
-from benchmarks.gapgen.sources import draw_any, world_of
+from benchmarks.gapgen.sources import base_reach, draw_any, payload_kg, world_of
 
 Array = NDArray[np.float64]
 BINS = {"low": (1.5, 3.0), "middle": (3.0, 10.0), "high": (10.0, 40.0)}
@@ -173,6 +174,9 @@ def _plan(m: Mechanism, s: Stratum, dt: float, f1: float, rng: np.random.Generat
     else:
         kinds = tuple(rng.permutation(list(KINDS))) if s.duration_s > 6.0 else ("multisine", "triangle")
     plan = forced_plan(m, dt, s.duration_s, f1, rng, kinds)
+    if s.controlled:
+        # a target has the unit of its coordinate
+        return m, plan
     m, factor = rescale_inputs(m, plan, rng)
     return m, replace(plan, inputs=[u * factor for u in plan.inputs])
 
@@ -194,6 +198,8 @@ def _burn(s: Stratum, f1: float, dt: float) -> int:
 def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) -> Recording:
     """A recording of the stratum and its truth; to be filmed at ``film_hz`` where that is given."""
     m = draw_any(s.system, rng)
+    if s.controlled:
+        m = under_control(m, rng)
     f1 = float(m.frequencies_hz()[0])
     dt = interval_of(m, s, [30.0, 50.0, 100.0, 120.0], film_hz, rng)
     m, plan = _plan(m, s, dt, f1, rng)
@@ -201,7 +207,11 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
     clips = nominal.move(plan)
     span = plan.start_s[-1] + len(plan.inputs[-1]) * dt
     setting = setting_of(m, clips, plan, forced=s.forced, span=span)
-    setting = replace(setting, film=film_hz is not None)
+    setting = replace(setting, film=film_hz is not None, wide=s.conditions is not None)
+    if "payload" in s.label:
+        setting = replace(setting, payload_kg=payload_kg(m))
+    if "base_motion" in s.label:
+        setting = replace(setting, base_reach=base_reach(m))
     ys = [c.x[:, : m.d] for c in clips]
     burn = _burn(s, f1, dt)
     horizon = min(burn + round(1.0 / f1 / dt), max(len(y) for y in ys))
@@ -240,9 +250,16 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
         **_scales(m, setting),
         "found": effects,
     }
+    if s.controlled:
+        truth["position_targets"] = _targets(m)
     blurred = any(e.camera and e.camera[0] == "blur" for e in effects)
     shown = [c.x[:, : m.d] for c in clips] if blurred else clean
     return Recording(files, truth, reels(nominal_runs, clips, shown, s, offset), m)
+
+
+def _targets(m: Mechanism) -> dict[str, str]:
+    """Inputs that are position targets, each with its coordinate."""
+    return {f"u{j}": f"q{int(np.argmax(np.abs(column)))}" for j, column in enumerate(m.b.T)}
 
 
 def _scales(m: Mechanism, setting: Setting) -> dict[str, Any]:

@@ -10,13 +10,16 @@ from benchmarks.gapgen.effect import (
     DISSIPATION,
     EXTRA,
     IN_CLASS,
+    MACHINE,
     MEMORY,
     OUTSIDE,
     OUTSIDE_FORCED,
+    OUTSIDE_WIDE,
     Effect,
     Maker,
     Setting,
 )
+from benchmarks.gapgen.machine_effects import machine, whole_mass
 from benchmarks.gapgen.outside import outside
 
 
@@ -42,6 +45,8 @@ def in_class(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) ->
             return Effect(name, [(laws.SCALED_POTENTIAL, i, j, [ratio])], parameters={"ratio": ratio})
         if name == "mass_change":
             ratio = 1.0 + 1.5 * a if sign > 0 else 1.0 - 0.5 * a
+            if s.wide:
+                return whole_mass(ratio, i, j)
             return Effect(name, [(laws.INERTIA, i, j, [ratio - 1.0])], parameters={"ratio": ratio})
         if name == "constant_force":
             size = sign * a * 1.5 * w2 * s.x[i]
@@ -245,13 +250,15 @@ def maker(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> Ma
     Raises:
         ValueError: if no such effect exists.
     """
+    if s.wide and name in MACHINE:
+        return machine(name, s, i, j, rng)
     groups = (
         (IN_CLASS, in_class),
         (DISSIPATION, dissipative),
         (ACTUATION, actuation),
         (MEMORY, memorising),
         ((*CONTACT, *EXTRA), contact),
-        (OUTSIDE, outside),
+        ((*OUTSIDE, *OUTSIDE_WIDE), outside),
         (CAMERA, watching),
     )
     for names, family in groups:

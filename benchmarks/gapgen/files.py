@@ -31,6 +31,11 @@ class Stratum:
     conditions: Conditions | None = None
 
     @property
+    def controlled(self) -> bool:
+        """Whether the inputs are position targets."""
+        return self.conditions is not None and self.conditions.controlled
+
+    @property
     def sensor(self) -> Sensor:
         """How the coordinates are measured."""
         return Sensor() if self.conditions is None else self.conditions.sensor

@@ -6,22 +6,33 @@ The state is ``x = (q, v, z)`` with the internal states of the laws last. Inputs
 import numpy as np
 from numba import njit
 
+from benchmarks.gapgen.bases import base_pull
 from benchmarks.gapgen.laws import (
+    BASE,
+    COUPLING,
     DRIFT_POTENTIAL,
     FRICTION,
     INERTIA,
     INPUT_STIFFNESS,
+    MASSES,
+    MOTOR,
+    PAYLOAD,
+    PERIODIC,
     SCALED_POTENTIAL,
+    SERVO,
     SLIDERS,
     SLIP_CHAIN,
     conservative,
+    coupling,
     exogenous,
     friction_level,
     is_conservative,
     is_exogenous,
     is_memory,
     memory,
+    motor,
     resistive,
+    servo,
     slider_limit,
 )
 from benchmarks.gapgen.mechanisms import terms
@@ -80,7 +91,22 @@ def _rates(kind, p, b, inertia, which, how, t, x, u, dx, work):
             extra = conservative(law, th, q[i])
         elif law == INPUT_STIFFNESS:
             extra = -th[0] * u[which[e, 3]] * q[i]
-        elif law in (FRICTION, SCALED_POTENTIAL, DRIFT_POTENTIAL, INERTIA):
+        elif law == COUPLING:
+            extra = coupling(th, q[int(th[1])], v[int(th[1])])
+        elif law == SERVO:
+            extra = servo(th, u[which[e, 3]], q[i], v[i])
+        elif law == MOTOR:
+            push = 0.0
+            for j in range(u.shape[0]):
+                push += b[i, j] * u[j]
+            extra = motor(th, x, dx, 2 * d + at, push / inertia[i], v[i])
+        elif law == BASE:
+            base_pull(kind, p, q, mass, load)
+            shake = exogenous(PERIODIC, th, t)
+            for j in range(d):
+                dx[d + j] -= load[j] * shake
+            extra = 0.0
+        elif law in (FRICTION, SCALED_POTENTIAL, DRIFT_POTENTIAL, INERTIA, PAYLOAD, MASSES):
             extra = 0.0
         else:
             extra = resistive(law, th, t, q[i], v[i])

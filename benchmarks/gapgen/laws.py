@@ -25,13 +25,19 @@ COGGING, PARAMETRIC, LOCAL_DAMPING, BUMP, ONE_WAY, SWITCH, RUMBLE, INPUT_STIFFNE
     37,
     38,
 )
+PAYLOAD, MASSES, SERVO, MOTOR, TEETH, MESH, LIP_SEAL, COUPLING, BASE = 40, 41, 42, 43, 44, 45, 46, 47, 48
+FRACTIONAL, BELT, SPEED_SOFTENING = 50, 51, 52
+IN_MECHANISM = (PAYLOAD, MASSES)
+"""Laws that are other masses of the mechanism itself."""
 WIDTH = 16
+BRANCHES = 5
 SLIDERS = 5
 
 
 def n_states(law: int) -> int:
     """Number of internal states of a law."""
-    return {BRISTLE: 1, SLIP_CHAIN: SLIDERS, CREEP: 2, ABSORBER: 2}.get(law, 0)
+    known = {BRISTLE: 1, SLIP_CHAIN: SLIDERS, CREEP: 2, ABSORBER: 2, MOTOR: 1, FRACTIONAL: BRANCHES}
+    return known.get(law, 0)
 
 
 @njit(cache=True)
@@ -92,6 +98,14 @@ def memory(law, th, z, dz, at, q, v, load):
             total += min(max(z[at + k], -limit), limit)
             norm += limit
         return -th[0] * total / norm
+    if law == FRACTIONAL:
+        # a spring-pot as a sum of Maxwell branches, each twice as weak and th[2] times as slow as the last
+        total = 0.0
+        for k in range(BRANCHES):
+            late = q - z[at + k]
+            dz[at + k] = late / (th[1] * th[2] ** k)
+            total += late * th[2] ** (-th[3] * k)
+        return -th[0] * total
     if law == CREEP:
         dz[at] = (q - z[at]) / th[1]
         dz[at + 1] = (q - z[at + 1]) / th[2]
@@ -120,6 +134,9 @@ def conservative(law, th, q):
         return th[3] * th[0] * (q - soft_dead_band(q, th[1], th[2]))
     if law == COGGING:
         return th[0] * np.sin(th[1] * q + th[2])
+    if law == TEETH:
+        angle = th[1] * q + th[2]
+        return th[0] * (np.sin(angle) + th[3] * np.sin(2.0 * angle))
     x = (q - th[1]) / th[2]
     return th[0] * x * np.exp(0.5 - 0.5 * x * x)
 
@@ -142,9 +159,47 @@ def resistive(law, th, t, q, v):
         return -th[0] * v * np.exp(-(((q - th[1]) / th[2]) ** 2))
     if law == ONE_WAY:
         return -th[0] * max(v * th[1], 0.0) * th[1]
+    if law == MESH:
+        # a wave with flanks, as of teeth that carry in turn
+        return -th[0] * th[3] * np.tanh(th[4] * np.cos(th[1] * t + th[2])) / np.tanh(th[4]) * q
+    if law == LIP_SEAL:
+        level = th[0] if v > 0.0 else th[1]
+        return -level * v / (abs(v) + th[2])
+    if law == BELT:
+        # friction on a belt that moves, falling with the speed of slip
+        slip = (v - th[1]) / th[2]
+        return -th[0] * np.tanh(8.0 * slip) / (1.0 + abs(slip))
+    if law == SPEED_SOFTENING:
+        return th[0] * q * v * v / (v * v + th[1] * th[1])
     if law == SELF_EXCITED:
         return th[0] * v * (1.0 - (q / th[1]) ** 2)
     return -(th[0] * q + th[2] * v) if t > th[1] else 0.0
+
+
+@njit(cache=True)
+def coupling(th, q, v):
+    """Acceleration by the position or the speed of another coordinate, the former with a limit."""
+    return th[0] * v if th[2] > 0.0 else th[0] * th[3] * np.tanh(q / th[3])
+
+
+@njit(cache=True)
+def servo(th, target, q, v):
+    """Acceleration by the gains of a position controller that differ from the nominal ones."""
+    return th[0] * (target - q) - th[1] * v
+
+
+@njit(cache=True)
+def motor(th, z, dz, at, drive, v):
+    """What a motor at its limits adds to the acceleration ``drive``.
+
+    th = (stall, no-load speed, sag, its time): the supply sags by the power that is drawn, ``z[at]``.
+    """
+    full = th[0] * max(1.0 - th[2] * z[at], 0.2)
+    most = full * min(max(1.0 - v / th[1], 0.0), 1.0)
+    least = -full * min(max(1.0 + v / th[1], 0.0), 1.0)
+    given = min(max(drive, least), most)
+    dz[at] = (max(given * v, 0.0) / (0.25 * th[0] * th[1]) - z[at]) / th[3]
+    return given - drive
 
 
 @njit(cache=True)
@@ -156,10 +211,10 @@ def is_exogenous(law):
 @njit(cache=True)
 def is_memory(law):
     """Whether the law has internal states."""
-    return law in (BRISTLE, SLIP_CHAIN, CREEP, ABSORBER)
+    return law in (BRISTLE, SLIP_CHAIN, CREEP, ABSORBER, FRACTIONAL)
 
 
 @njit(cache=True)
 def is_conservative(law):
     """Whether the law is a function of the coordinate alone."""
-    return law in (SPRING, CONSTANT, TILT, HARDENING, FREE_PLAY, COGGING, BUMP)
+    return law in (SPRING, CONSTANT, TILT, HARDENING, FREE_PLAY, COGGING, BUMP, TEETH)

@@ -2,7 +2,8 @@
 
 Writes ``DIR/data/<id>/sim_*.csv`` and ``real_0.csv``, with ``--tier T1`` one film a clip as ``sim_*.npz`` and
 ``real_*.npz`` (keys ``images`` and ``p1`` to ``pn``) and ``about.json`` with what whoever films a mechanism
-knows, its number of coordinates and the seconds between frames. ``DIR/answers.jsonl`` gets the truth. Names
+knows, its number of coordinates and the seconds between frames; under position control it holds the inputs
+that are targets, each with its coordinate. ``DIR/answers.jsonl`` gets the truth. Names
 are random, files are written in their order and all carry the same time stamp.
 """
 
@@ -56,11 +57,15 @@ def write_films(place: Path, recording: Recording, noise: float, rng: np.random.
         np.savez_compressed(path, images=frames, **inputs)
         os.utime(path, (STAMP, STAMP))
         names.append(path.name)
-    about = place / "about.json"
-    coordinates = recording.reels[0][2].shape[1]
-    about.write_text(json.dumps({"coordinates": coordinates, "frame_s": FRAME_S}) + "\n", encoding="utf-8")
-    os.utime(about, (STAMP, STAMP))
+    write_about(place, {"coordinates": recording.reels[0][2].shape[1], "frame_s": FRAME_S})
     return names
+
+
+def write_about(place: Path, known: dict[str, Any]) -> None:
+    """Write what whoever makes a recording knows of it."""
+    about = place / "about.json"
+    about.write_text(json.dumps(known) + "\n", encoding="utf-8")
+    os.utime(about, (STAMP, STAMP))
 
 
 def drawn(stratum: Stratum, seed: int, *, film_hz: float | None = None) -> Recording:
@@ -88,6 +93,8 @@ def make_one(task: Task) -> dict[str, Any]:
     else:
         for name, columns in sorted(recording.files.items()):
             write_columns(place / name, columns)
+        if stratum.controlled:
+            write_about(place, {"position_targets": recording.truth["position_targets"]})
     os.utime(place, (STAMP, STAMP))
     return answer(identity, stratum, recording, split) | {"tier": tier}
 

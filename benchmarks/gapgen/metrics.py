@@ -37,6 +37,15 @@ SCORED = {
     "hidden_mode": ("frequency_hz", "mass_ratio"),
     "time_offset": ("offset",),
     "time_jitter": ("std",),
+    "payload": ("mass_ratio",),
+    "armature": ("ratio",),
+    "controller_gain": ("kp_ratio", "kd"),
+    "encoder_scale": ("scale", "offset"),
+    "cogging": ("acceleration", "pitch"),
+    "position_dependent_damping": ("rate", "place"),
+    "parametric_stiffness": ("depth", "frequency_hz"),
+    "circulatory_force": ("coupling",),
+    "base_motion": ("frequency_hz",),
 }
 ABSTAINED = ("unknown", "undetermined", "missing")
 

@@ -12,10 +12,19 @@ from benchmarks.gapgen.effect import Effect
 from benchmarks.gapgen.inputs import on_half_steps, through_actuator
 from benchmarks.gapgen.integrate import forecasts, run
 from benchmarks.gapgen.mechanisms import Mechanism
+from benchmarks.gapgen.payloads import load
 
 Array = NDArray[np.float64]
 SHARP = (laws.FRICTION, laws.BRISTLE, laws.STOP)
-CORNERED = (laws.SLIP_CHAIN, laws.FREE_PLAY, laws.SWITCH, laws.ONE_WAY)
+CORNERED = (
+    laws.SLIP_CHAIN,
+    laws.FREE_PLAY,
+    laws.SWITCH,
+    laws.ONE_WAY,
+    laws.LIP_SEAL,
+    laws.BELT,
+    laws.MOTOR,
+)
 BURN = 10
 
 
@@ -63,12 +72,16 @@ class World:
             self.which[e] = law, i, self.n_z, j
             self.how[e, : len(numbers)] = numbers
             self.n_z += laws.n_states(law)
+        self.loaded = self._load()
         self.inertia = np.diag(self.mechanism.inertia_at_rest()).copy()
         stiffness = np.diag(self.mechanism.stiffness_at_rest())
         self.own_hz = np.sqrt(stiffness / self.inertia) / (2.0 * np.pi)
         self.top_hz = float(self.mechanism.frequencies_hz()[-1])
         for effect in self.effects:
             self.top_hz = max([self.top_hz, *effect.frequency_hz])
+
+    def _load(self) -> Mechanism:
+        return load(self.mechanism, self.effects)
 
     def n_sub(self, dt_s: float) -> int:
         """Integration steps in a sample."""
@@ -87,6 +100,8 @@ class World:
         for (law, i, z, _), th in zip(self.which, self.how, strict=True):
             if law == laws.CREEP:
                 x[at + z : at + z + 2] = x0[i]
+            elif law == laws.FRACTIONAL:
+                x[at + z : at + z + laws.BRANCHES] = x0[i]
             elif law == laws.ABSORBER:
                 x[at + z] = x0[i]
             elif law == laws.SLIP_CHAIN:
@@ -122,7 +137,7 @@ class World:
 
     def _run(self, x0: Array, t0: float, dt_s: float, n: int, n_sub: int, fine: Array) -> Array:
         """States (n, n_x) at ``t0 + k dt_s`` from ``x0``."""
-        m = self.mechanism
+        m = self.loaded
         return run(m.kind, m.p, m.b, self.inertia, self.which, self.how, x0, t0, dt_s, n, n_sub, fine)
 
     def _forecasts(
@@ -138,7 +153,7 @@ class World:
         y: Array,
     ) -> Array:
         """Forecasts (n_blocks, n, d) of the samples ``y`` of a clip from first guesses (n_blocks, n_x)."""
-        m = self.mechanism
+        m = self.loaded
         own = (m.kind, m.p, m.b, self.inertia, self.which, self.how)
         return forecasts(*own, x0, starts, t0, dt_s, burn, n, n_sub, fine, y)
 
@@ -204,7 +219,11 @@ def seen(clips: list[Clip], effects: list[Effect], d: int, dt_s: float) -> list[
             t = np.arange(n) * dt_s
             if name == "view":
                 q = out[k]
-                out[k] = numbers["zoom"] * q + np.array(numbers["shift"]) + np.array(numbers["bend"]) * q**2
+                out[k] = (
+                    np.asarray(numbers["zoom"]) * q
+                    + np.array(numbers["shift"])
+                    + np.array(numbers["bend"]) * q**2
+                )
             elif name == "drift":
                 out[k] = out[k] + (clip.t0 + t)[:, None] * np.array(numbers["rate"])
             elif name == "jitter":
@@ -237,7 +256,7 @@ def unseen(y: Array, t: Array, effects: list[Effect]) -> Array:
         if effect.camera and effect.camera[0] == "view":
             n = effect.camera[1]
             x = y - np.array(n["shift"])
-            a, z = np.array(n["bend"]), n["zoom"]
+            a, z = np.array(n["bend"]), np.asarray(n["zoom"])
             y = 2.0 * x / (z + np.sign(z) * np.sqrt(np.maximum(z * z + 4.0 * a * x, 1e-12)))
         elif effect.camera and effect.camera[0] == "drift":
             y = y - t[..., None] * np.array(effect.camera[1]["rate"])
@@ -249,7 +268,7 @@ def reseen(q: Array, t: Array, effects: list[Effect]) -> Array:
     for effect in effects:
         if effect.camera and effect.camera[0] == "view":
             n = effect.camera[1]
-            q = n["zoom"] * q + np.array(n["shift"]) + np.array(n["bend"]) * q**2
+            q = np.asarray(n["zoom"]) * q + np.array(n["shift"]) + np.array(n["bend"]) * q**2
         elif effect.camera and effect.camera[0] == "drift":
             q = q + t[..., None] * np.array(effect.camera[1]["rate"])
     return q

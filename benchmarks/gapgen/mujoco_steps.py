@@ -13,16 +13,22 @@ from numba.experimental import function_type  # noqa: F401  makes such functions
 
 from benchmarks.gapgen.integrate import yield_sliders
 from benchmarks.gapgen.laws import (
+    BASE,
+    COUPLING,
     DRIFT_POTENTIAL,
     FRICTION,
     INPUT_STIFFNESS,
+    MOTOR,
+    PERIODIC,
     conservative,
+    coupling,
     exogenous,
     friction_level,
     is_conservative,
     is_exogenous,
     is_memory,
     memory,
+    motor,
     resistive,
 )
 
@@ -53,7 +59,9 @@ def stepping_functions() -> tuple[Any, Any]:
 
 @njit(cache=True)
 def _force(law, th, t, x, dx, at, q, v, load, u):
-    """Acceleration of one law; fills the rates of its internal states."""
+    """Acceleration of one law; fills the rates of its internal states. Of a motor ``u`` is the drive."""
+    if law == MOTOR:
+        return motor(th, x, dx, at, u, v)
     if is_exogenous(law):
         return exogenous(law, th, t)
     if is_memory(law):
@@ -66,7 +74,7 @@ def _force(law, th, t, x, dx, at, q, v, load, u):
 
 
 @njit(cache=True)
-def _remember(law, th, t, h, x, dx, at, q, v, a, load):
+def _remember(law, th, t, h, x, dx, at, q, v, a, load, u):
     """Mean acceleration of a law over a step, through which its internal states go by the midpoint rule."""
     small, total = h / INNER, 0.0
     begun = np.empty(len(x) - at)
@@ -74,10 +82,10 @@ def _remember(law, th, t, h, x, dx, at, q, v, a, load):
         now, half = s * small, (s + 0.5) * small
         begun[:] = x[at:]
         dx[at:] = 0.0
-        _force(law, th, t, x, dx, at, q + v * now + 0.5 * a * now * now, v + a * now, load, 0.0)
+        _force(law, th, t, x, dx, at, q + v * now + 0.5 * a * now * now, v + a * now, load, u)
         for k in range(len(begun)):
             x[at + k] = begun[k] + 0.5 * small * dx[at + k]
-        total += _force(law, th, t, x, dx, at, q + v * half + 0.5 * a * half * half, v + a * half, load, 0.0)
+        total += _force(law, th, t, x, dx, at, q + v * half + 0.5 * a * half * half, v + a * half, load, u)
         for k in range(len(begun)):
             x[at + k] = begun[k] + small * dx[at + k]
     return total / INNER
@@ -98,7 +106,7 @@ def _escapes(fields, scales):
 @njit(cache=True)
 def _apply(fields, scales, which, how, t, h, x, dx, u):
     """Forces of all laws at the middle ``t`` of a step ``h``; internal states ``x[2 d:]`` go through it."""
-    qpos, qvel, qacc, _, applied, _, bias, spring, push, loss, stiffness = fields
+    qpos, qvel, qacc, _, applied, _, bias, spring, push, loss, stiffness, gravity = fields
     inertia, at_rest, _ = scales
     d = len(qpos)
     applied[:] = 0.0
@@ -111,8 +119,16 @@ def _apply(fields, scales, which, how, t, h, x, dx, u):
             loss[i] += friction_level(th, v, load) * inertia[i]
         elif law == DRIFT_POTENTIAL:
             stiffness[i] += at_rest[i] * th[0] * th[1] * (1.0 - np.exp(-t / th[1]))
-        elif is_memory(law):
-            extra = _remember(law, th, t, h, x, dx, at, qpos[i], qvel[i], qacc[i], load)
+        elif law == BASE:
+            # what a base that moves along x does is done by a field of force against it
+            gravity[0] -= exogenous(PERIODIC, th, t)
+        elif law == COUPLING:
+            k = int(th[1])
+            there = qpos[k] + 0.5 * h * qvel[k] + 0.125 * h * h * qacc[k]
+            applied[i] += inertia[i] * coupling(th, there, qvel[k] + 0.5 * h * qacc[k])
+        elif is_memory(law) or law == MOTOR:
+            drive = push[i] / inertia[i]
+            extra = _remember(law, th, t, h, x, dx, at, qpos[i], qvel[i], qacc[i], load, drive)
             applied[i] += inertia[i] * extra
         else:
             applied[i] += inertia[i] * _force(law, th, t, x, dx, at, q, v, load, u[which[e, 3]])
@@ -126,7 +142,7 @@ def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, 
     ``scales`` inertia and stiffness at rest and the bound (d,) of the coordinates, beyond which states are
     infinite.
     """
-    qpos, qvel, _, warm, applied, ctrl, _, _, _, loss, stiffness = fields
+    qpos, qvel, _, warm, applied, ctrl, _, _, _, loss, stiffness, gravity = fields
     d = len(qpos)
     h = dt / n_sub
     x = x0.copy()
@@ -144,6 +160,7 @@ def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, 
         ctrl[:] = u[2 * s + 1]
         loss[:] = own_loss
         stiffness[:] = own_stiffness
+        gravity[0] = 0.0
         _apply(fields, scales, which, how, t0 + (s + 0.5) * h, h, x, dx, ctrl)
         if _escapes(fields, scales):
             break
@@ -155,4 +172,5 @@ def run_mujoco(step, forward, where, fields, scales, which, how, x0, t0, dt, n, 
             out[(s + 1) // n_sub] = x
     loss[:] = own_loss
     stiffness[:] = own_stiffness
+    gravity[0] = 0.0
     return out

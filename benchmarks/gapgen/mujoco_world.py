@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 PENDULUM, CART, TWO_LINK, CART_POLE = 20, 21, 22, 23
 MUJOCO = ("mujoco_pendulum", "mujoco_cart", "mujoco_two_link", "mujoco_cart_pole")
 # laws that are fields of the model; those of friction and drift are set anew before each step
-IN_MODEL = (laws.VISCOUS, laws.SPRING, laws.INERTIA, laws.STOP)
+IN_MODEL = (laws.VISCOUS, laws.SPRING, laws.INERTIA, laws.STOP, laws.PAYLOAD, laws.MASSES, laws.SERVO)
 LIMIT_IMPEDANCE = 0.9
 
 HEAD = """<mujoco><compiler angle="radian" autolimits="false"/><size memory="64K"/>
@@ -47,13 +47,19 @@ BODIES = {
 DAMPING = {PENDULUM: [4], CART: [1], TWO_LINK: [7, 8], CART_POLE: [4, 5]}
 
 
-def write_mjcf(kind: int, p: Array, b: Array) -> str:
-    """The model of a mechanism of parameters ``p`` (n_p,), with a motor for each column of ``b`` (d, n_u)."""
+def write_mjcf(kind: int, p: Array, b: Array, kv: Array | None = None) -> str:
+    """The model of a mechanism of parameters ``p`` (n_p,), with a motor for each column of ``b`` (d, n_u).
+
+    With ``kv`` (n_u,) these are position actuators, whose kp is in ``b``.
+    """
     numbers = [float(x) for x in p]
     body = BODIES[kind].format(*numbers, **{f"n{k}": -x for k, x in enumerate(numbers)})
     motors = []
-    for column in b.T:
+    for j, column in enumerate(b.T):
         i = int(np.flatnonzero(column)[0])
+        if kv is not None:
+            motors.append(f'<position joint="{"ab"[i]}" kp="{float(column[i])!r}" kv="{float(kv[j])!r}"/>')
+            continue
         motors.append(f'<motor joint="{"ab"[i]}" gear="{float(column[i])!r}"/>')
     return f"{HEAD}{body}</worldbody><actuator>{''.join(motors)}</actuator></mujoco>"
 
@@ -62,12 +68,30 @@ def write_mjcf(kind: int, p: Array, b: Array) -> str:
 class MujocoMechanism(Mechanism):
     """A mechanism whose parameters ``p`` are masses, lengths, springs and damping of a MuJoCo model.
 
-    Every column of ``b`` (d, n_u) has one entry, the gear of a motor.
+    Every column of ``b`` (d, n_u) has one entry, the gear of a motor, or with ``kv`` (n_u,) the gain of a
+    position actuator with that damping.
     """
+
+    kv: Array | None = None
 
     def build(self) -> mujoco.MjModel:
         """A fresh model with these parameters."""
-        return mujoco.MjModel.from_xml_string(write_mjcf(self.kind, self.p, self.b))
+        return mujoco.MjModel.from_xml_string(write_mjcf(self.kind, self.p, self.b, self.kv))
+
+    def loaded_inertia(self) -> Array:
+        """Inertia at rest, (d, d), with a kilogram more on the body of the first joint."""
+        model = self.build()
+        model.body_mass[1] += 1.0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return _inertia_of(model)
+
+    def base_pull(self) -> Array:
+        """Generalised forces (d,) by which it resists a unit acceleration of the base along x, at rest."""
+        model = self.build()
+        model.opt.gravity[:] = -1.0, 0.0, 0.0
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        return data.qfrc_bias.copy()
 
     def damping_at_rest(self) -> Array:
         """Damping force of every coordinate at unit speed of all, (d,)."""
@@ -90,16 +114,24 @@ class MujocoMechanism(Mechanism):
                 data.qpos[:] = 0.0
                 data.qpos[j] = sign * h
                 mujoco.mj_forward(model, data)
-                stiffness[:, j] += sign * (data.qfrc_bias - data.qfrc_passive) / (2.0 * h)
-        data.qpos[:] = 0.0
-        mujoco.mj_forward(model, data)
-        # the inertia's columns are what unit accelerations take
-        inertia = np.zeros((self.d, self.d))
-        for j, unit in enumerate(np.eye(self.d)):
-            column = np.zeros(self.d)
-            mujoco.mj_mulM(model, data, column, unit)
-            inertia[:, j] = column
-        return inertia, stiffness, model.dof_damping.copy()
+                held = data.qfrc_bias - data.qfrc_passive - data.qfrc_actuator
+                stiffness[:, j] += sign * held / (2.0 * h)
+        damping = model.dof_damping.copy()
+        if self.kv is not None:
+            damping += np.abs(np.sign(self.b)) @ self.kv
+        return _inertia_of(model), stiffness, damping
+
+
+def _inertia_of(model: mujoco.MjModel) -> Array:
+    """Inertia at rest, (d, d): its columns are what unit accelerations take."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    columns = []
+    for unit in np.eye(model.nv):
+        column = np.zeros(model.nv)
+        mujoco.mj_mulM(model, data, column, unit)
+        columns.append(column)
+    return np.stack(columns, axis=1)
 
 
 class MujocoWorld(World):
@@ -117,13 +149,17 @@ class MujocoWorld(World):
         self.stepped = (np.ascontiguousarray(self.which[by_step]), np.ascontiguousarray(self.how[by_step]))
         m, d = self.model, self.data
         self.fields = (d.qpos, d.qvel, d.qacc, d.qacc_warmstart, d.qfrc_applied, d.ctrl, d.qfrc_bias)
-        self.fields += (d.qfrc_spring, d.qfrc_actuator, m.dof_frictionloss, m.jnt_stiffness)
+        self.fields += (d.qfrc_spring, d.qfrc_actuator, m.dof_frictionloss, m.jnt_stiffness, m.opt.gravity)
+
+    def _load(self) -> Mechanism:
+        return self.mechanism
 
     def n_sub(self, dt_s: float) -> int:
         """Integration steps in a sample."""
         step = (3e-3 if self.effects else 6e-3) / self.top_hz
         for law, i, _, _ in self.which:
-            if law == laws.BRISTLE:
+            # the drive that a motor limits is that of the step before
+            if law in (laws.BRISTLE, laws.MOTOR):
                 step = min(step, 6e-4 / self.own_hz[i])
             elif law in SHARP or law in CORNERED:
                 step = min(step, 1e-3 / self.own_hz[i])
@@ -200,13 +236,22 @@ def fit_start(moved: Callable[[Array, int], Array], x0: Array, y: Array, dt_s: f
 def put_into_model(model: mujoco.MjModel, effects: list[Effect], inertia: Array, own_hz: Array) -> None:
     """Set the fields of a model that stand for laws; ``inertia`` and ``own_hz`` (d,) are those at rest."""
     for effect in effects:
-        for law, i, _, th in effect.rows:
+        for law, i, j, th in effect.rows:
             if law == laws.VISCOUS:
                 model.dof_damping[i] += th[0] * inertia[i]
             elif law == laws.SPRING:
                 model.jnt_stiffness[i] += th[0] * inertia[i]
             elif law == laws.INERTIA:
                 model.dof_armature[i] += th[0] * inertia[i]
+            elif law == laws.PAYLOAD:
+                model.body_mass[1 + i] += th[0]
+            elif law == laws.MASSES:
+                model.body_mass *= th[0]
+                model.body_inertia *= th[0]
+            elif law == laws.SERVO:
+                model.actuator_gainprm[j, 0] += th[0] * inertia[i]
+                model.actuator_biasprm[j, 1] -= th[0] * inertia[i]
+                model.actuator_biasprm[j, 2] -= th[1] * inertia[i]
             elif law == laws.FRICTION:
                 # so short that friction is full at speeds far below those of the motion
                 model.dof_solref[i] = 4e-3 / own_hz[i], 1.0

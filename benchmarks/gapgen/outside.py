@@ -37,6 +37,12 @@ def outside(name: str, s: Setting, i: int, j: int, rng: np.random.Generator) -> 
         elif name == "input_rectification":
             value = {"share": side * a, "scale": float(s.u[j])}
             return Effect(name, operators=[(j, "rectified", value)], parameters=value)
+        elif name == "fractional_memory":
+            numbers, law = [a * w**2, 0.04 / w, 5.0, 0.5], laws.FRACTIONAL
+        elif name == "belt_friction":
+            numbers, law = [a * force, side * 0.5 * s.v[i], 0.3 * s.v[i]], laws.BELT
+        elif name == "speed_softening":
+            numbers, law = [0.9 * min(2.0 * a, 1.0) * w**2, 0.6 * s.v[i]], laws.SPEED_SOFTENING
         else:
             value = {"omega": w * float(1.2 / a**0.5), "zeta": 0.08}
             return Effect(name, operators=[(j, "resonant", value)], parameters=value)

@@ -94,4 +94,6 @@ def setting_of(m: Mechanism, clips: list[Clip], plan: Plan, *, forced: bool, spa
         dt_s=plan.dt_s,
         forced=forced,
         system=m.system,
+        inertia=inertia.copy(),
+        gain=m.b / inertia[:, None],
     )

@@ -33,7 +33,8 @@ class Conditions:
 
     ``rate_hz`` [Hz] is raised to twelve samples in the shortest natural period. ``ratios`` are the gaps over
     the floor that the effects are sized to, ``tolerance`` that of the nominal parameters alone, 1 where they
-    are exact. ``sine`` is whether the inputs are of one frequency.
+    are exact. ``sine`` is whether the inputs are of one frequency, ``controlled`` whether they are position
+    targets.
     """
 
     rate_hz: float
@@ -41,6 +42,7 @@ class Conditions:
     ratios: tuple[float, ...]
     tolerance: float
     sine: bool
+    controlled: bool = False
 
 
 def noisy(ys: list[Array], sigma: Array, rng: np.random.Generator) -> list[Array]:

@@ -5,8 +5,9 @@ import hmac
 
 import numpy as np
 
+from benchmarks.gapgen.controllers import CONTROLLED
 from benchmarks.gapgen.drawing import BINS, Stratum
-from benchmarks.gapgen.effect import CAMERA, FAMILIES, MEMORY, NEEDS_INPUT, OUTSIDE
+from benchmarks.gapgen.effect import CAMERA, FAMILIES, MACHINE, MEMORY, NEEDS_INPUT, OUTSIDE, OUTSIDE_WIDE
 from benchmarks.gapgen.files import MOST_SAMPLES
 from benchmarks.gapgen.mujoco_world import MUJOCO
 from benchmarks.gapgen.sensors import COLOURED, QUANTISED, QUANTISED_NOISE, WHITE, Conditions, Sensor
@@ -45,6 +46,29 @@ GROUPS = (
     ("input_gain", "input_delay", "input_lag", "input_dead_zone", "input_saturation", "input_backlash"),
     (*MEMORY, "external_periodic_force", "parameter_drift", "hidden_mode"),
 )
+# a log has sensors and no camera
+WIDE_WEIGHTS = {
+    **{name: weight for name, weight in WEIGHTS.items() if name != "camera_change"},
+    **dict.fromkeys(MACHINE, 1.0),
+}
+WIDE_GROUPS = (
+    (*GROUPS[0], "position_dependent_damping", "asymmetric_friction"),
+    (*GROUPS[1], "payload"),
+    (*GROUPS[2], "torque_speed_limit"),
+    (*GROUPS[3], "cogging", "parametric_stiffness"),
+)
+TWO = ("two_link", "bag", "mujoco_two_link", "mujoco_cart_pole", *TEXTBOOK)
+WHERE = {
+    "circulatory_force": TWO,
+    "base_motion": TWO,
+    "controller_gain": CONTROLLED,
+    # where weight is all that pulls, or nothing of the kind
+    "mass_change": ("pendulum", "rocker", "linear_cart", "mujoco_pendulum", "mujoco_cart", "acrobot"),
+    # where equations have a place for it at the first coordinate
+    "payload": ("pendulum", "linear_cart", "two_link", "cart_pole", "acrobot", "furuta", *MUJOCO),
+}
+"""Systems that an effect of the wide groups is drawn on, where these are not all."""
+CONTROLLED_SHARE = 0.15
 
 
 def keyed(key: bytes, message: str) -> bytes:
@@ -62,8 +86,10 @@ def identities(key: bytes, split: str, n: int) -> list[str]:
     return [keyed(key, f"id|{split}|{k}").hex()[:12] for k in range(n)]
 
 
-def _pair(rng: np.random.Generator, *, forced: bool) -> tuple[str, str]:
-    groups = [g for g in GROUPS if forced or not set(g) & set(NEEDS_INPUT)]
+def _pair(
+    rng: np.random.Generator, *, forced: bool, groups: tuple[tuple[str, ...], ...] = GROUPS
+) -> tuple[str, str]:
+    groups = [g for g in groups if forced or not set(g) & set(NEEDS_INPUT)]
     a, b = rng.choice(len(groups), 2, replace=False)
     return str(rng.choice(groups[a])), str(rng.choice(groups[b]))
 
@@ -111,8 +137,8 @@ def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     """Strata whose sources are balanced and whose conditions are drawn wide."""
     rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
     n_none, n_out, n_pair = (round(x * n) for x in (WIDE_NONE_SHARE, OUTSIDE_SHARE, WIDE_PAIR_SHARE))
-    singles = _spread(rng, list(WEIGHTS), list(WEIGHTS.values()), n - n_none - n_out - n_pair)
-    outside = list(rng.permutation(np.resize(OUTSIDE, max(n_out, 1))))[:n_out]
+    singles = _spread(rng, list(WIDE_WEIGHTS), list(WIDE_WEIGHTS.values()), n - n_none - n_out - n_pair)
+    outside = list(rng.permutation(np.resize(OUTSIDE_WIDE, max(n_out, 1))))[:n_out]
     labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
     sources = _shares(rng, n, dict.fromkeys(SOURCES, 1.0))
     kinds = _shares(rng, n, {WHITE: 2.0, COLOURED: 1.0, QUANTISED: 1.0})
@@ -120,18 +146,28 @@ def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     out = []
     for k, label in enumerate(labels):
         forced = bool(rng.random() < 0.5)
-        label = _pair(rng, forced=forced) if label == ("pair",) else label
+        label = _pair(rng, forced=forced, groups=WIDE_GROUPS) if label == ("pair",) else label
         forced = forced or bool(set(label) & set(NEEDS_INPUT))
-        system = str(rng.choice([x for x in SYSTEMS[systems] if source_of(x) == sources[k]]))
+        system = str(
+            rng.choice([x for x in SYSTEMS[systems] if source_of(x) == sources[k] and fits(x, label)])
+        )
+        # so that position control does not tell that its gains differ
+        controlled = "controller_gain" in label or bool(rng.random() < CONTROLLED_SHARE)
+        controlled = controlled and forced and system in CONTROLLED
         bounds = RATIO if len(label) == 1 else PAIR_RATIO
         ratios = tuple(_log_uniform(rng, bounds) for name in label if name != "none")
         tolerance = _tolerance(rng, ratios, exact=k % 2 == 0)
         rate = _log_uniform(rng, RATE_HZ)
         span = min(_log_uniform(rng, SPAN_S), MOST_SAMPLES / rate)
         sensor, noise = _draw_sensor(rng, kinds[k], loses=losing[k] == "yes")
-        conditions = Conditions(rate, sensor, ratios, tolerance, forced and sine[k] == "yes")
+        conditions = Conditions(rate, sensor, ratios, tolerance, forced and sine[k] == "yes", controlled)
         out.append(Stratum(label, system, forced, noise, span, _bin_of(ratios), conditions))
     return [out[k] for k in rng.permutation(n)]
+
+
+def fits(system: str, label: tuple[str, ...]) -> bool:
+    """Whether a system of the wide groups has a place for all effects of a label."""
+    return all(system in WHERE.get(name, (system,)) for name in label)
 
 
 def _bin_of(ratios: tuple[float, ...]) -> str:

@@ -19,7 +19,7 @@ from lagsplat.config import schema
 from lagsplat.config.schema import GROUPS, Config
 from lagsplat.provenance import code_digest, recall, sha256_hex
 
-OPEN_TABLES = ("diagnose.columns=", "diagnose.columns.")
+OPEN_TABLES = ("diagnose.columns=", "diagnose.columns.", "diagnose.targets=", "diagnose.targets.")
 """Beginnings of overrides of tables whose keys the user chooses: they may set keys that ``conf/`` lacks."""
 Section = TypeVar("Section")
 

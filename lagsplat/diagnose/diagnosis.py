@@ -61,8 +61,14 @@ def search_gap(
     """
     problem = build_problem(sim, real, config)
     hints = find_hints(sim.model, real, period_s=problem.period_s, hold=config.input_hold)
-    names = {"q_names": real[0].q_names, "u_names": real[0].u_names}
-    candidates = place_effects(problem.rollout_model, hints, **names, without=config.without)
+    candidates = place_effects(
+        problem.rollout_model,
+        hints,
+        q_names=real[0].q_names,
+        u_names=real[0].u_names,
+        without=config.without,
+        targets=config.targets,
+    )
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
     return search_effects(problem, candidates, budget, report_progress=report_progress)
 

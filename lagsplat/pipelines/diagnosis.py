@@ -30,7 +30,7 @@ from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
-from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
+from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_diagnosis_inputs
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
@@ -108,11 +108,14 @@ def run_diagnosis(
 
 def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> DiagnoseConfig:
     """Adapt the settings to the sim: its priors, correlation and inputs, and effects that are ruled out."""
-    ruled_out = inputs.recordings.ruled_out if inputs.recordings is not None else ()
+    ruled_out = list_unseen(film=inputs.recordings is not None)
+    if inputs.recordings is not None:
+        ruled_out = (*ruled_out, *inputs.recordings.ruled_out)
     config = replace(
         config,
         effective_sample_ratio=max(config.effective_sample_ratio, inputs.sim.correlation),
         input_hold=inputs.hold or config.input_hold,
+        targets=dict(inputs.targets),
         without=[*config.without, *inputs.absorbed, *ruled_out],
     )
     if inputs.recordings is None:

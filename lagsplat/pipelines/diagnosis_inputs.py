@@ -1,8 +1,9 @@
 """The inputs of a diagnosis: a simulator of any kind and real trajectories, read and checked."""
 
 import contextlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operati
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
+from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
 from lagsplat.diagnose.simulators.sources import DataSource, find_sources, read_sources
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
@@ -26,6 +28,11 @@ from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 if TYPE_CHECKING:
     from lagsplat.pipelines.diagnosis_videos import RecordingPair
 
+TARGET_NAME = (
+    r"(?:(?:target|desired|des|goal|ref|reference|setpoint|cmd|command)[_. ]?{0}"
+    r"|{0}[_. ]?(?:target|desired|des|goal|ref|reference|setpoint|cmd|command))"
+)
+"""How a log calls the target of a coordinate, as a pattern of the coordinate's own name."""
 LAWLESS = "a law that is true nowhere"  # name of the finding that a run's law misses its own recordings
 
 
@@ -38,6 +45,8 @@ class DiagnosisInputs:
     excitation: tuple[Excitation, ...]
     recordings: "RecordingPair | None" = None
     """The recordings with their images, where the sim is a fitted run."""
+    targets: Mapping[str, str] = field(default_factory=dict)
+    """Inputs that are position targets, each with its coordinate, by the settings, names or a MuJoCo file."""
     hold: str | None = None  # inputs between samples, where the sim's own recordings contradict the settings
 
     @property
@@ -96,12 +105,40 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:
         motions, noise, loop = checked.real.motions, checked.real.noise, checked.closed_loop
-        excitation = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=loop)
+        rows = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=loop)
+        unseen = list_unseen(film=recordings is not None)
+        excitation = tuple(row for row in rows if row.effect not in unseen)
     null_motion = None if recordings is None else recordings.null_motion
     simulator, hold = _open_simulator(models, checked, config, null_motion)
     findings = _simulator_findings(simulator, sim, nominal, held=hold is not None)
     checked = replace(checked, findings=(*checked.findings, *findings))
-    return DiagnosisInputs(simulator, checked, excitation, recordings, hold)
+    targets = _find_targets(models, checked.real.motions[0], config)
+    return DiagnosisInputs(simulator, checked, excitation, recordings, targets, hold)
+
+
+def list_unseen(*, film: bool) -> tuple[str, ...]:
+    """Effects that a film, or a log, cannot show."""
+    other = "log" if film else "film"
+    return tuple(effect.name for effect in list_effects() if effect.recorded_by == other)
+
+
+def _find_targets(
+    models: Sequence[DataSource], motion: Trajectory, config: DiagnoseConfig
+) -> Mapping[str, str]:
+    """The inputs that are position targets, each with its coordinate.
+
+    They are those of the settings, inputs that the file calls the target of a coordinate (``elbow_target``
+    beside ``elbow``), and position actuators of a MuJoCo file.
+    """
+    found: dict[str, str] = {}
+    if models and models[0].kind == "mujoco":
+        chosen = load_mujoco(Path(models[0].path), joints=config.joints, actuators=config.actuators)
+        found |= {motion.u_names[j]: motion.q_names[i] for j, i in find_position_targets(chosen)}
+    own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
+    for q_name in motion.q_names:
+        aimed = re.compile(TARGET_NAME.format(re.escape(own[q_name])))
+        found |= {u_name: q_name for u_name in motion.u_names if aimed.fullmatch(own[u_name])}
+    return {**found, **config.targets}
 
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:

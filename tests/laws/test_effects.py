@@ -8,14 +8,15 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from lagsplat.diagnose.effects.actuation import (
-    external_periodic_force,
-    external_push,
+    cogging,
+    controller_gain,
     input_backlash,
     input_dead_zone,
     input_delay,
     input_gain,
     input_lag,
     input_saturation,
+    torque_speed_limit,
 )
 from lagsplat.diagnose.effects.base import (
     DisturbanceHints,
@@ -24,26 +25,37 @@ from lagsplat.diagnose.effects.base import (
     PlacedEffect,
     SampleEffect,
 )
-from lagsplat.diagnose.effects.dynamics import (
-    constant_force,
-    coulomb_friction,
+from lagsplat.diagnose.effects.elasticity import (
+    circulatory_force,
     creep,
     cubic_stiffness,
     end_stop,
-    hidden_mode,
     hysteresis,
     joint_backlash,
     linear_stiffness,
-    load_dependent_friction,
-    mass_change,
+    parametric_stiffness,
+)
+from lagsplat.diagnose.effects.external import (
+    base_motion,
+    constant_force,
+    external_periodic_force,
+    external_push,
     parameter_drift,
+)
+from lagsplat.diagnose.effects.friction import (
+    asymmetric_friction,
+    coulomb_friction,
+    load_dependent_friction,
+    position_dependent_damping,
     quadratic_drag,
     stribeck_friction,
     viscous_damping,
 )
+from lagsplat.diagnose.effects.inertia import armature, hidden_mode, mass_change, payload
 from lagsplat.diagnose.effects.measurement import (
     camera_change,
     camera_drift,
+    encoder_scale,
     exposure_blur,
     frame_drops,
     time_jitter,
@@ -60,12 +72,19 @@ from tests.unit.diagnose.toys import coupled
 EFFECTS = {
     module.EFFECT.name: module.EFFECT
     for module in (
+        armature,
+        asymmetric_friction,
+        base_motion,
         camera_change,
         camera_drift,
+        circulatory_force,
+        cogging,
         constant_force,
+        controller_gain,
         coulomb_friction,
         creep,
         cubic_stiffness,
+        encoder_scale,
         end_stop,
         exposure_blur,
         external_periodic_force,
@@ -84,10 +103,14 @@ EFFECTS = {
         load_dependent_friction,
         mass_change,
         parameter_drift,
+        parametric_stiffness,
+        payload,
+        position_dependent_damping,
         quadratic_drag,
         stribeck_friction,
         time_jitter,
         time_offset,
+        torque_speed_limit,
         viscous_damping,
     )
 }
@@ -116,8 +139,12 @@ WINDOWS = WindowSet(np.array([0, 30, 50]), np.array([31, 20, 30]))
 
 
 def offers(bench: RolloutModel) -> list[PlacedEffect]:
-    hints = [DisturbanceHints(((0.4, 0.7), (1.1, 1.3)), (0.7, 1.9))] * 2
-    return place_effects(bench, hints, q_names=("a", "b"), u_names=("left", "right"), without=())
+    pushes, lines = ((0.4, 0.7), (1.1, 1.3)), (0.7, 1.9)
+    hints = [DisturbanceHints(pushes, lines, lines, (0.7, share)) for share in (1.0, -0.6)]
+    targets = {"left": "a"}
+    return place_effects(
+        bench, hints, q_names=("a", "b"), u_names=("left", "right"), without=(), targets=targets
+    )
 
 
 def starts(bench: RolloutModel) -> np.ndarray:
@@ -143,7 +170,10 @@ def absent(one: PlacedEffect) -> np.ndarray:
         x[: one.effect.amplitudes] = 0.0
         return x
     if isinstance(one.effect.parameters[0].prior, LogNormal):
-        x[0] = NOTHING if one.effect.name == "input_saturation" else -NOTHING
+        limits = ("input_saturation", "torque_speed_limit")
+        x[0] = NOTHING if one.effect.name in limits else -NOTHING
+        if one.effect.name == "torque_speed_limit":
+            x[1] = NOTHING
     else:
         x[0] = 0.0
     if one.effect.name == "input_backlash":
@@ -158,7 +188,7 @@ def moved(bench: RolloutModel, one: PlacedEffect | None, x: np.ndarray) -> np.nd
 
 def test_the_catalogue_is_what_is_tested_here() -> None:
     assert catalogue() == EFFECTS
-    assert len(EFFECTS) == 29
+    assert len(EFFECTS) == 40
 
 
 @pytest.mark.parametrize("held", [False, True])

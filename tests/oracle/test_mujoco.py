@@ -15,7 +15,7 @@ from lagsplat.diagnose.effects.parameters import LogNormal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, project_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco, project_mujoco
 from tests.unit.diagnose.toys import bare
 
 mujoco = pytest.importorskip("mujoco")
@@ -157,6 +157,7 @@ CASES = [
     ("linear_stiffness", {"ratio": 1.3}, "", 0.01),
     ("linear_stiffness", {"ratio": 1.3}, "spring", 0.01),
     ("mass_change", {"ratio": 1.4}, "", 0.01),
+    ("armature", {"ratio": 0.4}, "", 0.01),
     ("input_gain", {"ratio": 0.7}, "", 0.01),
     ("input_lag", {"time_constant": 0.15}, "", 0.01),
     ("input_delay", {"delay": 0.1}, "", 0.02),
@@ -184,9 +185,36 @@ def test_a_patched_file_moves_as_the_augmented_sim(
 
 
 def test_every_counterpart_is_tried() -> None:
-    assert {case[0] for case in CASES} == {
+    assert {case[0] for case in CASES} | {"controller_gain"} == {
         name for name, effect in catalogue().items() if callable(effect.mujoco)
     }
+
+
+def test_gains_of_a_controller_are_those_of_its_position_actuator(tmp_path: Path) -> None:
+    path, out = arm(tmp_path, 1), tmp_path / "out.xml"
+    servo = '<position name="hold" joint="shoulder" kp="3" kv="0.1"/>'
+    path.write_text(path.read_text().replace('<motor name="drive" joint="shoulder" gear="0.8"/>', servo))
+    chosen = load_mujoco(path)
+    assert find_position_targets(chosen) == [(0, 0)]
+    model = project_mujoco(path, region(1, 1)).model
+    gain = float(model.drive(np.zeros((1, 1)), np.ones((1, 1)))[0, 0] / model.inertia[0, 0])
+    one = added(kept(model, 1, 1), "controller_gain", {"kp_ratio": 1.5, "kd": 0.8})
+    servo_place = replace(one.effects[0], channel=0, constants=(gain, float(model.rest[0])))
+    changed = replace(one, effects=(servo_place,))
+    (change,) = patch_augmented(path, out, changed)
+    assert change.startswith("actuator hold: kp 4.5, kv ")
+    start = np.array([0.6])
+    ours, _ = simulate_augmented(changed, drive(1), q=start)
+    before, theirs = simulated(path, drive(1), start), simulated(out, drive(1), start)
+    assert np.abs(theirs - before).max() > 0.05 * np.ptp(before)
+    assert np.abs(ours - theirs).max() < 0.01 * np.ptp(before)
+
+
+def test_motors_and_geared_actuators_have_no_target_of_their_own(tmp_path: Path) -> None:
+    assert find_position_targets(load_mujoco(arm(tmp_path, 2))) == [(1, 1)]
+    geared = tmp_path / "geared.xml"
+    geared.write_text(arm(tmp_path, 2).read_text().replace('kp="2"', 'kp="2" gear="3"'))
+    assert find_position_targets(load_mujoco(geared)) == []
 
 
 def test_an_effect_is_written_at_its_joint_or_not_at_all(tmp_path: Path) -> None:

@@ -24,12 +24,12 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 
-KIND, SCHEMA = "augmented", 1
+KIND, SCHEMA = "augmented", 2
 FIELDS = (*COEFFICIENT_FIELDS, "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
 REGION = ("q", "v", "u")
 NUISANCE = ("potential", "damping", "inputs", "warp", "n_u")
-PLACE = ("variant", "channel", "input_name")
+PLACE = ("variant", "channel", "input_name", "constants")
 SAMPLING = ("held", "step_s", "dt_s", "q_names", "u_names")
 
 
@@ -177,5 +177,5 @@ def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> P
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
-    where = {name: entry[name] for name in PLACE}
+    where = {name: entry[name] for name in PLACE} | {"constants": tuple(entry["constants"])}
     return PlacedEffect(known[entry["name"]], Scales(**entry["scales"]), direction=direction or None, **where)

@@ -24,6 +24,7 @@ class DiagnoseConfig:
     columns: dict[str, str]  # columns of a table that have other names: `{t: time, q0: angle, u0: torque}`
     joints: list[str] | None  # joints of a MuJoCo model that are the coordinates; None for all
     actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
+    targets: dict[str, str]  # inputs that are position targets, each with its coordinate: `{u0: q0}`
     without: list[str]  # effects that are left out of the catalogue
     window_periods: float  # length of a simulated window [natural periods]
     steps_per_period: float  # integration steps in the shortest natural period, at least [count]

@@ -1,7 +1,7 @@
 """What an effect of the catalogue is, and how it is placed on a mechanism.
 
 An effect is a law with parameters and everything else that a diagnosis needs to know of it. One file defines
-one effect and names it `EFFECT`; see `lagsplat.diagnose.effects.dynamics.coulomb_friction` for a short one to
+one effect and names it `EFFECT`; see `lagsplat.diagnose.effects.friction.coulomb_friction` for a short one to
 copy, and `lagsplat.diagnose.effects.registry` for how the catalogue finds it.
 
 Parameters are counted in units of the recorded motion (`lagsplat.diagnose.effects.parameters`), so that one
@@ -71,6 +71,7 @@ class Effect(EffectDescription):
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
     """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
     absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
+    recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
     component: Component | None = None  # term of the equations of motion; None for camera and clock
     level: Level = "dynamics"  # where on the way from image to motion it acts
@@ -113,6 +114,8 @@ class ForceEffect(Effect):
     """Clips whose memory begins off ``memory_start`` by what the last parameters say."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
+    crosswise: bool = False
+    """Couples the two coordinates of a pair: it acts on each by the other's motion, with opposite signs."""
     whole: Any = None
     """``whole(coefficients, theta (P, k), model)``: the same on all coordinates, as a change of the model."""
 
@@ -218,6 +221,7 @@ class PlacedEffect:
     input_name: str | None = None
     grid: tuple[tuple[float, ...], ...] | None = None
     """Values of all but the amplitudes that the search tries first, in place of the parameters' own grids."""
+    constants: tuple[float, ...] = ()  # what a law gets last, where that depends on the place
     parts: tuple["PlacedEffect", ...] = ()
     """Where it acts at several places at once: each of them, in the order of the parameters."""
 
@@ -241,6 +245,18 @@ class PlacedEffect:
     def location(self) -> str | None:
         """The coordinate or the input where it acts; None on the whole and everywhere."""
         return self.direction.name if self.direction else self.input_name
+
+    def list_slots(self, model: MechanicalModel) -> list[tuple[Direction, np.ndarray]]:
+        """Directions in which a force acts, each with the covector (d,) of the motion that it sees."""
+        assert self.direction is not None
+        if not (isinstance(self.effect, ForceEffect) and self.effect.crosswise):
+            return [(self.direction, self.direction.covector)]
+        first, second = np.eye(model.d)[
+            [np.argmin(self.direction.covector), np.argmax(self.direction.covector)]
+        ]
+        inertia = np.sqrt((first @ model.inertia @ first) * (second @ model.inertia @ second))
+        along = (Direction(None, covector, float(inertia)) for covector in (first, second))
+        return list(zip(along, (second, -first), strict=True))
 
     def keeps_energy_bounded(self, parameters: Mapping[str, float]) -> bool:
         """Whether a bounded input has a bounded response with this effect, if it has one without.
@@ -278,6 +294,9 @@ class DisturbanceHints:
     pushes: tuple[tuple[float, float], ...]
     """Start and end [s] on the clock of the dataset, the strongest first."""
     lines_hz: tuple[float, ...]  # frequencies of the highest spectral lines
+    stiffness_lines_hz: tuple[float, ...] = ()  # the same of the force times the distance from rest
+    shaking: tuple[float, float] | None = None
+    """Frequency [Hz] of the highest line of all coordinates together, and this one's signed share in it."""
 
 
 @dataclass(frozen=True)
@@ -293,6 +312,8 @@ class PlaceFinder:
     whole: Scales  # scales of the coordinate that moves most
     longest_clips: tuple[int, ...]  # clips long enough to show where a memory began
     constant_inertia: bool
+    targets: tuple[tuple[int, int, float], ...] = ()
+    """Inputs that are position targets: input, coordinate, gain over the reference inertia [1/s^2]."""
 
     def find(self, effect: Effect) -> list[PlacedEffect]:
         """Every place that the effect itself names, or else its ``along`` and ``between_variants``."""
@@ -311,7 +332,7 @@ class PlaceFinder:
             if effect.along != "whole":
                 placed += self.find_along_coordinates(effect, variant)
             if variant in effect.between_variants:
-                placed += self._find_along(effect, variant, self.pairs)
+                placed += self.find_along_pairs(effect, variant)
             both = effect.along == "both" and variant == effect.variants[0]
             if effect.along == "whole" or (both and not single):
                 placed.append(PlacedEffect(effect, self.whole, variant))
@@ -320,6 +341,10 @@ class PlaceFinder:
     def find_along_coordinates(self, effect: Effect, variant: str = "") -> list[PlacedEffect]:
         """The effect along each coordinate, and everywhere at once if it may act so."""
         return _add_joint_placement(self._find_along(effect, variant, self.coordinates))
+
+    def find_along_pairs(self, effect: Effect, variant: str = "") -> list[PlacedEffect]:
+        """The effect along the difference of each two coordinates."""
+        return self._find_along(effect, variant, self.pairs)
 
     def _find_along(
         self, effect: Effect, variant: str, directions: Sequence[Direction]

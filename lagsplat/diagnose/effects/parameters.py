@@ -12,6 +12,7 @@ import numpy as np
 
 ParameterKind = Literal[
     "acceleration",
+    "drive",
     "coordinate",
     "velocity",
     "time",
@@ -41,6 +42,7 @@ class Scales:
     stiffness: float = 1.0  # second derivative of the potential at rest over the reference inertia [1/s^2]
     input: float = 1.0  # root mean square of the input
     input_reach: float = 1.0  # largest absolute value of the input
+    drive: float = 1.0  # root mean square of the acceleration that the inputs give [1/s^2]
 
     def of(self, kind: ParameterKind) -> float:
         """The size of one unit of a parameter of ``kind``, in the units of the recording."""
@@ -49,6 +51,7 @@ class Scales:
 
 PARAMETER_KINDS: Mapping[ParameterKind, tuple[str, Callable[[Scales], float]]] = {
     "acceleration": ("{q}/s^2", lambda s: s.velocity * s.velocity / s.coordinate),
+    "drive": ("{q}/s^2", lambda s: s.drive),
     "coordinate": ("{q}", lambda s: s.coordinate),
     "velocity": ("{q}/s", lambda s: s.velocity),
     "time": ("s", lambda s: s.coordinate / s.velocity),

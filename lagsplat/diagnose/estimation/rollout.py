@@ -95,7 +95,7 @@ class RolloutModel:
     ) -> np.ndarray:
         fields = self._fields(placed, nuisance)
         u, u_of = self._inputs(placed, len(nuisance))
-        laws, along, inertia, theta, memory = self._laws(placed, len(nuisance), windows)
+        laws, along, seen, inertia, theta, memory = self._laws(placed, len(nuisance), windows)
         basis, model = self.model.basis, self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
@@ -104,6 +104,7 @@ class RolloutModel:
             (*coefficients, model.width, model.rest),
             laws,
             along,
+            seen,
             inertia,
             theta,
             memory,
@@ -148,32 +149,33 @@ class RolloutModel:
 
     def _laws(
         self, placed: Placed, n_sets: int, windows: WindowSet
-    ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Laws, directions, inertias, parameters and memories of all slots, as the kernel takes them."""
         forces = [
-            (effect, place.direction, place, theta)
+            (effect, acts, sees, place, theta)
             for place, theta in placed
             if isinstance(effect := place.effect, ForceEffect) and place.direction is not None
+            for acts, sees in place.list_slots(self.model)
         ]
         d = self.model.d
         # few sizes, because a kernel is compiled for each
         n = FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
-        laws, along, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros(n)
+        laws, along, seen, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros((n, d)), np.zeros(n)
         tables = []
         n_memory = max([effect.n_memory for effect, *_ in forces], default=0)
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
-        for slot, (effect, direction, place, theta) in enumerate(forces):
-            laws[slot], along[slot], inertia[slot] = effect.law, direction.covector, direction.inertia
-            fixed = np.array(effect.constants(place.scales, place.variant))
+        for slot, (effect, acts, sees, place, theta) in enumerate(forces):
+            laws[slot], along[slot], seen[slot], inertia[slot] = effect.law, acts.covector, sees, acts.inertia
+            fixed = np.array((*effect.constants(place.scales, place.variant), *place.constants))
             law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
             tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
             if effect.n_memory:
-                begin = self._memory(effect, direction, tables[-1], initial)
+                begin = self._memory(effect, acts, tables[-1], initial)
                 memory[:, :, slot, : effect.n_memory] = begin[:, windows.first]
         table = np.zeros((n_sets, n, max([1, *(values.shape[1] for values in tables)])))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
-        return tuple(laws), along, inertia, table, memory
+        return tuple(laws), along, seen, inertia, table, memory
 
     def _memory(
         self, effect: ForceEffect, direction: Direction, theta: np.ndarray, initial: np.ndarray

@@ -1,9 +1,10 @@
 """Every effect at every place where it may act, and when and how fast external forces may act."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float64
@@ -28,8 +29,22 @@ def place_effects(
     q_names: Sequence[str],
     u_names: Sequence[str],
     without: Sequence[str],
+    targets: Mapping[str, str] = MappingProxyType({}),
 ) -> list[PlacedEffect]:
-    """Every effect of the catalogue at every place where something moves."""
+    """Every effect of the catalogue at every place where something moves.
+
+    ``targets`` are the inputs that are position targets, each with its coordinate.
+
+    Raises:
+        ValueError: ``targets`` names an input or a coordinate that is not there.
+    """
+    for u_name, q_name in targets.items():
+        if u_name not in u_names or q_name not in q_names:
+            raise ValueError(
+                f"diagnose.targets says that {u_name!r} is the target of {q_name!r}; the inputs are "
+                f"{list(u_names)}, the coordinates {list(q_names)}"
+            )
+    servos = [(u_names.index(u_name), q_names.index(q_name)) for u_name, q_name in targets.items()]
     model, record = rollout_model.model, rollout_model.dataset
     eye, whole = np.eye(model.d), measure_largest_motion_scales(rollout_model)
     inputs = []
@@ -49,10 +64,18 @@ def place_effects(
         whole=whole,
         longest_clips=tuple(sorted(by_length[: PROBLEM.free_memory_clips].tolist())),
         constant_inertia=len(model.mass) == 1,
+        targets=tuple((j, i, _target_gain(model, j, i)) for j, i in servos),
     )
     effects = (effect for effect in catalogue().values() if effect.name not in without)
     placed = [place for effect in effects for place in finder.find(effect)]
     return [place for place in placed if place.scales.reach > 0.0]
+
+
+def _target_gain(model: MechanicalModel, channel: int, coordinate: int) -> float:
+    """Force by a position target over the reference inertia, at rest [1/s^2]: the gain of its controller."""
+    unit = np.eye(model.n_u)[channel]
+    force = model.drive(model.rest[None], unit[None])[0, coordinate]
+    return float(force / model.inertia[coordinate, coordinate])
 
 
 def _rms(x: Float64[np.ndarray, " N"]) -> float:
@@ -70,6 +93,7 @@ def measure_motion_scales(rollout_model: RolloutModel, place: Direction, variant
         velocity=max(_rms(v), 1e-6 * size),
         reach=float(reach) if reach > 0.3 * size else 0.0,
         stiffness=float(p @ model.stiffness @ p) / float(p @ model.inertia @ p),
+        drive=_rms(rollout_model.forces[1] @ p) / float(place.inertia),
         frame_s=record.dt_s,
         duration_s=float(max(record.time[stop - 1] for _, stop in record.clips)),
     )
@@ -93,7 +117,17 @@ def extract_hints(
         for event in find_events(smoothed, period_s=period_s)
     )
     longest = max(smoothed, key=lambda estimate: estimate.motion.n)
-    return tuple(DisturbanceHints(pushes, find_spectral_lines(longest, i)) for i in range(longest.motion.d))
+    away = longest.q - np.median(longest.q, axis=0)
+    shaking = find_common_line(longest)
+    return tuple(
+        DisturbanceHints(
+            pushes,
+            find_spectral_lines(longest, longest.residual[:, i]),
+            find_spectral_lines(longest, longest.residual[:, i] * away[:, i]),
+            shaking[i],
+        )
+        for i in range(longest.motion.d)
+    )
 
 
 def find_hints(
@@ -107,15 +141,45 @@ def find_hints(
     return extract_hints(smoothed, period_s=period_s)
 
 
-def find_spectral_lines(estimate: LatentForceEstimate, coordinate: int) -> tuple[float, ...]:
-    """The frequencies [Hz] of the highest peaks in the spectrum of the residual."""
+def find_spectral_lines(
+    estimate: LatentForceEstimate, signal: Float64[np.ndarray, " T"]
+) -> tuple[float, ...]:
+    """The frequencies [Hz] of the highest peaks in the spectrum of a signal along the motion."""
+    frequency, spectrum = _compute_spectrum(estimate, signal[:, None])
+    return tuple(float(frequency[i]) for i in _find_highest_peaks(np.abs(spectrum[:, 0])))
+
+
+def find_common_line(estimate: LatentForceEstimate) -> list[tuple[float, float] | None]:
+    """By coordinate, the frequency [Hz] of the highest line of all together, and its share in one phase.
+
+    Each coordinate counts in units of its own rms acceleration. Nothing where there is no line.
+    """
+    frequency, spectrum = _compute_spectrum(estimate, estimate.residual)
+    size = np.maximum(np.sqrt(np.mean(estimate.a**2, axis=0)), 1e-300)
+    relative = spectrum / size
+    peaks = _find_highest_peaks(np.sqrt(np.sum(np.abs(relative) ** 2, axis=1)))
+    if not len(peaks):
+        return [None] * estimate.motion.d
+    line = spectrum[peaks[0]]
+    # the phase in which the most of it lies
+    turn = np.exp(-0.5j * np.angle(np.sum(relative[peaks[0]] ** 2)))
+    return [(float(frequency[peaks[0]]), float(share)) for share in (line * turn).real]
+
+
+def _compute_spectrum(
+    estimate: LatentForceEstimate, signals: Float64[np.ndarray, "T k"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] up to the highest line that is looked for, and the spectra of signals there."""
     motion = estimate.motion
     time = np.arange(motion.time_s[0], motion.time_s[-1], motion.dt_s)
-    x: Float64[np.ndarray, " n"] = np.interp(time, motion.time_s, estimate.residual[:, coordinate])
-    size = 4 * len(x)
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x)), size))
-    frequency = np.fft.rfftfreq(size, motion.dt_s)
-    power[frequency > PROBLEM.max_line_frequency / motion.dt_s] = 0.0
-    peaks, found = find_peaks(power[2:], height=0.0)
-    best = peaks[np.argsort(found["peak_heights"])[::-1][: PROBLEM.max_lines]] + 2
-    return tuple(float(frequency[i]) for i in best)
+    x = np.stack([np.interp(time, motion.time_s, column) for column in signals.T], axis=1)
+    spectrum = np.fft.rfft((x - x.mean(axis=0)) * np.hanning(len(x))[:, None], 4 * len(x), axis=0)
+    frequency = np.fft.rfftfreq(4 * len(x), motion.dt_s)
+    kept = frequency <= PROBLEM.max_line_frequency / motion.dt_s
+    return frequency[kept], spectrum[kept]
+
+
+def _find_highest_peaks(size: Float64[np.ndarray, " n"]) -> np.ndarray:
+    """Places of the highest peaks, the highest first; the lowest frequencies are a drift."""
+    peaks, found = find_peaks(np.append(size[2:], 0.0), height=0.0)
+    return peaks[np.argsort(found["peak_heights"])[::-1][: PROBLEM.max_lines]] + 2

@@ -62,7 +62,12 @@ def calibrate_null_evidence(
     hints = find_hints(sim.model, [part], period_s=period_s, hold=config.input_hold)
     q_names, u_names = reference.q_names, reference.u_names
     candidates = place_effects(
-        problem.rollout_model, hints, q_names=q_names, u_names=u_names, without=config.without
+        problem.rollout_model,
+        hints,
+        q_names=q_names,
+        u_names=u_names,
+        without=config.without,
+        targets=config.targets,
     )
     budget = SearchBudget(config, max(1.0, sim.misfit))
     found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found

@@ -178,6 +178,25 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     return FieldFunctions(mass, potential_gradient, input_map, dissipation)
 
 
+def find_position_targets(chosen: MujocoSelection) -> list[tuple[int, int]]:
+    """Numbers of the inputs that are position targets of a chosen joint, each with the joint's number.
+
+    Such an actuator pulls its joint with ``kp (target - position)``; one with a gear is none.
+    """
+    model, kinds, found = chosen.model, require_mujoco(), []
+    for channel, i in enumerate(chosen.at_u):
+        at_joint = (
+            model.actuator_trntype[i] == int(kinds.mjtTrn.mjTRN_JOINT) and model.actuator_gear[i, 0] == 1.0
+        )
+        affine = model.actuator_biastype[i] == int(kinds.mjtBias.mjBIAS_AFFINE)
+        gain = model.actuator_gainprm[i, 0]
+        if not (at_joint and affine and gain > 0.0 and model.actuator_biasprm[i, 1] == -gain):
+            continue
+        at = np.flatnonzero(chosen.at_v == model.jnt_dofadr[model.actuator_trnid[i, 0]])
+        found += [(channel, int(coordinate)) for coordinate in at]
+    return found
+
+
 def _list_test_commands(model: Any, index: np.ndarray) -> list[float]:
     """A command within each actuator's range, at most 1, by which its gain is measured."""
     commands = []

@@ -1,9 +1,10 @@
 """The classical Runge-Kutta method: compiled rollouts of a simulator with added forces.
 
 A batch is ``P`` sets of parameters times ``W`` windows of a recording. An added force acts along a direction
-``p``: with ``s = p.(q - rest)`` its law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is
-added to the generalised forces, ``m`` being the reference inertia along ``p``. Force laws are compiled one by
-one and passed as functions, so that a new effect compiles alone.
+``p`` and sees a direction ``w``, which is ``p`` unless it couples coordinates: with ``s = w.(q - rest)`` its
+law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the generalised forces, ``m``
+being the reference inertia along ``p``. Force laws are compiled one by one and passed as functions, so that a
+new effect compiles alone.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
 """
@@ -222,15 +223,15 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
 @no_type_check
 def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, memory_rate):
     """Add the laws' forces to ``rate`` (2 d, R), and write the rates of their memories (R, slots, Z)."""
-    along, inertia, rest = geometry
+    along, seen, inertia, rest = geometry
     d = rest.shape[0]
     for slot in range(inertia.shape[0]):
         reference = inertia[slot]
         for r in range(len(t) if reference != 0.0 else 0):
             s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
             for i in range(d):
-                s += along[slot, i] * (state[i, r] - rest[i])
-                v += along[slot, i] * state[d + i, r]
+                s += seen[slot, i] * (state[i, r] - rest[i])
+                v += seen[slot, i] * state[d + i, r]
                 spring += along[slot, i] * work[i, r]
                 drive += along[slot, i] * work[d + i, r]
             values, z, z_rate = theta[sets[r], slot], memory[r, slot], memory_rate[r, slot]
@@ -356,7 +357,7 @@ def _hold_diverged(state, memory, rest, reach, lost):
 @njit(parallel=True, cache=True, error_model="numpy")
 @no_type_check
 def roll_out_batch(
-    basis, fields, laws, along, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
+    basis, fields, laws, along, seen, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
 
@@ -366,8 +367,8 @@ def roll_out_batch(
         basis: kind, order, centre and scale of the basis, and both arrays of `Basis.derivatives`.
         fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
             drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
-        laws, along, inertia: compiled force laws, one a slot, their directions (slots, d), and the reference
-            inertia along each, zero for a slot that is not used.
+        laws, along, seen, inertia: compiled force laws, one a slot, the directions (slots, d) in which they
+            act and that they see, and the reference inertia, zero for a slot that is not used.
         theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
             (P, W, slots, Z).
         starts: initial states (P, W, 2 d).
@@ -380,7 +381,7 @@ def roll_out_batch(
     """
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     n_sets, n_windows, two_d = starts.shape
-    d, reach, geometry = two_d // 2, DIVERGED_SCALES * basis[3], (along, inertia, rest)
+    d, reach, geometry = two_d // 2, DIVERGED_SCALES * basis[3], (along, seen, inertia, rest)
     for group in prange((n_sets * n_windows + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
         jobs = np.arange(group * SIDE_BY_SIDE, min((group + 1) * SIDE_BY_SIDE, n_sets * n_windows))
         sets, windows = jobs // n_windows, jobs % n_windows

@@ -76,6 +76,16 @@ def test_its_own_stop_is_not_passed_by_far() -> None:
         (laws.ABSORBER, [9.0, 0.1, 0.03, 0.0]),
         (laws.INPUT_STIFFNESS, [10.0, 0.0]),
         (laws.SELF_EXCITED, [0.5, 0.1]),
+        (laws.TEETH, [0.6, 60.0, 0.3, 0.2]),
+        (laws.MESH, [0.3, 9.0, 0.4, 40.0, 1.2]),
+        (laws.LIP_SEAL, [0.4, 0.1, 0.1]),
+        (laws.FRACTIONAL, [6.0, 0.01, 5.0, 0.5]),
+        (laws.BELT, [0.5, 0.3, 0.2]),
+        (laws.SPEED_SOFTENING, [20.0, 0.4]),
+        (laws.MOTOR, [0.9, 0.8, 0.2, 0.5]),
+        (laws.BASE, [0.6, 9.0, 0.3, 0.05]),
+        (laws.PAYLOAD, [0.4]),
+        (laws.MASSES, [1.2]),
     ],
 )
 def test_every_law_acts_as_in_the_own_equations(law: int, numbers: list[float]) -> None:
@@ -111,6 +121,21 @@ def test_forecasts_hit_what_they_come_from_and_perturbed_ones_miss(system: str) 
     right = off(MujocoWorld(m))
     wrong = off(MujocoWorld(m.perturbed(np.random.default_rng(1), 0.05)))
     assert right < 1e-3 * m.size.max() < wrong
+
+
+def test_its_position_actuator_is_a_spring_to_a_target_with_damping() -> None:
+    """Also where its gains differ."""
+    kp, kd = np.array([[30.0]]), np.array([1.5])
+    changed = [Effect("controller_gain", [(laws.SERVO, 0, 0, [4.0, 0.3])])]
+    own = Mechanism("linear_cart", CART, 1, np.array([2.0, 1.8, 110.0, 0.0]), kp, np.array([0.2]))
+    m = MujocoMechanism("mujoco_cart", MUJOCO_CART, 1, np.array([2.0, 0.3, 80.0]), kp, np.array([0.2]), kd)
+    assert m.stiffness_at_rest()[0, 0] == pytest.approx(110.0, rel=1e-6)
+    assert m.damping_at_rest()[0] == pytest.approx(1.8)
+    target = 0.2 * np.sin(5.0 * np.arange(400) * 0.01)[:, None]
+    plan = Plan(0.01, [0.0], [np.array([0.1, 0.0])], [0], [target])
+    for effects in ([], changed):
+        found, expected = (world.move(plan)[0].x for world in (MujocoWorld(m, effects), World(own, effects)))
+        assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
 
 def test_what_escapes_is_said() -> None:

@@ -8,10 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.gapgen.controllers import under_control
 from benchmarks.gapgen.drawing import draw
-from benchmarks.gapgen.effect import NEEDS_INPUT, OUTSIDE
+from benchmarks.gapgen.effect import MACHINE, NEEDS_INPUT, OUTSIDE, OUTSIDE_WIDE, Setting
+from benchmarks.gapgen.effects import maker
 from benchmarks.gapgen.files import MOST_SAMPLES, Stratum
 from benchmarks.gapgen.make import main
+from benchmarks.gapgen.mechanisms import Mechanism
+from benchmarks.gapgen.motion import Plan, seen
 from benchmarks.gapgen.sensors import (
     COLOURED,
     QUANTISED,
@@ -21,8 +25,8 @@ from benchmarks.gapgen.sensors import (
     measured,
     quantisation_step,
 )
-from benchmarks.gapgen.sources import source_of
-from benchmarks.gapgen.strata import strata
+from benchmarks.gapgen.sources import base_reach, draw_any, payload_kg, source_of, world_of
+from benchmarks.gapgen.strata import fits, strata
 
 
 def wide(sensor: Sensor, *label: str, rate: float = 90.0, sine: bool = False) -> Stratum:
@@ -38,7 +42,13 @@ def test_shares_and_bounds_are_kept() -> None:
     assert Counter(source_of(s.system) for s in split) == {"own": 100, "mujoco": 100, "textbook": 100}
     labels = [s.label for s in split]
     assert labels.count(("none",)) == 60
-    assert sum(label[0] in OUTSIDE for label in labels) == 36
+    assert sum(label[0] in OUTSIDE_WIDE for label in labels) == 36
+    assert {label[0] for label in labels} >= {*MACHINE, *OUTSIDE_WIDE}
+    assert len(set(OUTSIDE_WIDE)) >= 8
+    assert all(fits(s.system, s.label) for s in split)
+    assert all(s.controlled for s in split if "controller_gain" in s.label)
+    # that a recording is of a controlled mechanism does not tell the effect
+    assert sum(s.controlled for s in split) > 2 * sum("controller_gain" in s.label for s in split)
     assert sum(len(label) == 2 for label in labels) == 36
     told = [s.conditions for s in split if s.conditions is not None]
     assert len(told) == 300
@@ -50,6 +60,38 @@ def test_shares_and_bounds_are_kept() -> None:
     assert min(ratios) < 1.6 < 30.0 < max(ratios)
     assert all(1.2 <= r <= 40.0 for r in ratios)
     assert all(s.forced for s in split if set(s.label) & set(NEEDS_INPUT))
+
+
+def setting_on(m: Mechanism) -> Setting:
+    """Scales of a motion as large as the mechanism."""
+    inertia = np.diag(m.inertia_at_rest())
+    w = np.sqrt(np.diag(m.stiffness_at_rest()) / inertia)
+    u = np.abs(np.linalg.solve(m.b, np.diag(m.stiffness_at_rest()) * 0.1 * m.size))
+    x, v = 0.5 * m.size, 0.5 * m.size * w
+    scales = (w / (2.0 * np.pi), x, v, m.size, 2.0 * v, u, 2.0 * u, np.full(m.d, 0.02))
+    more = {"wide": True, "inertia": inertia, "gain": m.b / inertia[:, None], "payload_kg": payload_kg(m)}
+    return Setting(*scales, 20.0, 0.02, True, m.system, base_reach=base_reach(m), **more)
+
+
+@pytest.mark.parametrize("system", ["two_link", "mujoco_two_link"])
+@pytest.mark.parametrize("name", [*MACHINE, *sorted(set(OUTSIDE_WIDE) - set(OUTSIDE))])
+def test_later_effects_vanish_with_their_magnitude(name: str, system: str) -> None:
+    m = draw_any(system, np.random.default_rng(2))
+    m = under_control(m, np.random.default_rng(3)) if name == "controller_gain" else m
+    s = setting_on(m)
+    make = maker(name, s, 0, 0, np.random.default_rng(5))
+    drive = np.sin(0.13 * np.arange(300)[:, None] + np.arange(2)) * s.u_top
+    plan = Plan(0.02, [0.0], [np.concatenate([0.5 * m.size, [0.0, 0.0]])], [0], [drive])
+    still = seen(world_of(m).move(plan), [], m.d, 0.02)[0]
+
+    def off(magnitude: float) -> float:
+        effects = [make(magnitude)]
+        return float(
+            np.abs((seen(world_of(m, effects).move(plan), effects, m.d, 0.02)[0] - still) / m.size).max()
+        )
+
+    assert off(0.0005) < 0.05
+    assert off(0.2) > max(0.01, 2.0 * off(0.0005))
 
 
 def test_other_groups_have_no_conditions() -> None:
@@ -120,7 +162,7 @@ def test_the_answers_tell_source_and_conditions(tmp_path: Path) -> None:
     answers = [json.loads(line) for line in one.splitlines()]
     assert {a["source"] for a in answers} == {"own", "mujoco", "textbook"}
     for a in answers:
-        assert {"rate_hz", "sensor", "ratios", "tolerance", "sine"} == set(a["conditions"])
+        assert {"rate_hz", "sensor", "ratios", "tolerance", "sine", "controlled"} == set(a["conditions"])
         for path in (tmp_path / "one" / "data" / a["id"]).iterdir():
             assert path.read_bytes() == (tmp_path / "two" / "data" / a["id"] / path.name).read_bytes()
     with pytest.raises(SystemExit):

@@ -1,1 +1,1 @@
-"""Effects between the command and the mechanism, and forces from outside; one a file."""
+"""Effects between the command and the mechanism; one a file."""

@@ -39,6 +39,7 @@ EFFECT = ObservationEffect(
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
     excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force"),
+    recorded_by="film",
     camera="moved between recordings",
     title="a camera that was moved or zoomed",
     kind="observation",

@@ -15,7 +15,8 @@ FAMILIES = """viscous_damping linear_stiffness mass_change constant_force input_
     coulomb_friction stribeck_friction load_dependent_friction quadratic_drag input_lag input_delay
     input_dead_zone input_saturation input_backlash hysteresis creep joint_backlash end_stop external_push
     external_periodic_force parameter_drift hidden_mode time_offset time_jitter frame_drops camera_change
-    camera_drift exposure_blur"""
+    camera_drift exposure_blur payload armature controller_gain torque_speed_limit encoder_scale cogging
+    position_dependent_damping asymmetric_friction parametric_stiffness circulatory_force base_motion"""
 
 
 def rows(*motions: Trajectory, closed_loop: tuple[str, ...] = ()) -> dict[str, Excitation]:

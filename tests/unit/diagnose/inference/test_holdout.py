@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
-from lagsplat.diagnose.effects.dynamics import linear_stiffness
+from lagsplat.diagnose.effects.elasticity import linear_stiffness
 from lagsplat.diagnose.inference.holdout import (
     compute_relative_square_error,
     count_diverged,

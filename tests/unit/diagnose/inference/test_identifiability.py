@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.config import PROFILES
-from lagsplat.diagnose.effects.actuation.external_periodic_force import limit_period
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
+from lagsplat.diagnose.effects.external.external_periodic_force import limit_period
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.placement import measure_largest_motion_scales, measure_motion_scales
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit

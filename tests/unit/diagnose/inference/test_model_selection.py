@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
+from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
 from lagsplat.diagnose.inference.model_selection import continue_fit, score_test, try_candidate
 from lagsplat.diagnose.inference.placement import place_effects
@@ -29,7 +29,7 @@ TRIED = (
 
 
 def offers(one: EstimationProblem) -> list[PlacedEffect]:
-    hints = [SimpleNamespace(pushes=(), lines_hz=())]
+    hints = [DisturbanceHints((), ())]
     found = place_effects(one.rollout_model, hints, q_names=("q0",), u_names=("u0",), without=())
     return [offer for offer in found if offer.effect.name in TRIED]
 

@@ -37,4 +37,6 @@ def effect(name: str, *others: str, **measured: float) -> Measures:
 def alternatives(*measured: Measures, none: Measures = NONE) -> Alternatives:
     """`none` and the given effects, of a sim that meets its own recordings."""
     fits = tuple(replace(FIT) for _ in range(1 + len(measured)))
-    return Alternatives((none, *measured), fits, nominal=1.0, chance=0.05, relaxed_log_evidence=0.0, motionless=1e4)
+    return Alternatives(
+        (none, *measured), fits, nominal=1.0, chance=0.05, relaxed_log_evidence=0.0, motionless=1e4
+    )

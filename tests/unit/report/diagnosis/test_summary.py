@@ -25,6 +25,8 @@ stribeck_friction load_dependent_friction quadratic_drag input_lag input_delay i
 input_saturation input_backlash hysteresis creep joint_backlash end_stop external_push
 external_periodic_force parameter_drift
 hidden_mode time_offset time_jitter frame_drops camera_change camera_drift exposure_blur unknown
+payload armature controller_gain torque_speed_limit encoder_scale cogging position_dependent_damping
+asymmetric_friction parametric_stiffness circulatory_force base_motion
 """
 
 

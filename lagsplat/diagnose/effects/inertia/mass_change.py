@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -20,12 +20,6 @@ def change(
 ) -> CoefficientBatch:
     """Multiply ``M`` by ``ratio``, and ``V`` too where the mass hangs."""
     ratio = np.exp(theta[:, 0])
-    if placed.direction is not None:
-        p = placed.direction.covector
-        added = (ratio - 1.0)[:, None, None] * placed.direction.inertia * np.outer(p, p)
-        mass = coefficients.mass.copy()
-        mass[:, 0] += added
-        return replace(coefficients, mass=mass)
     mass = coefficients.mass * ratio[:, None, None, None]
     if placed.variant != WEIGHT:
         return replace(coefficients, mass=mass)
@@ -40,15 +34,8 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Scale all masses, or give the joint an armature; gravity makes up for a mass without weight."""
-    ratio, spec, joint = values["ratio"], element.spec, element.joint
-    alone = len(element.selection.joints) == 1
-    if joint is not None and not (alone and element.variant == WEIGHT):
-        armature = float(joint.armature) + (ratio - 1.0) * element.inertia
-        if armature < 0.0:
-            return ()
-        joint.armature = armature
-        return (f"joint {joint.name}: armature {armature:.6g}",)
+    """Scale all masses; gravity makes up for a mass without weight."""
+    ratio, spec = values["ratio"], element.spec
     element.scale_masses(ratio)
     for other in spec.joints:
         other.armature = ratio * float(other.armature)
@@ -57,13 +44,6 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
         return (masses, *element.scale_springs(spec.joints, ratio))
     spec.option.gravity = np.asarray(spec.option.gravity, dtype=np.float64) / ratio
     return (masses, f"gravity {element.format_row(spec.option.gravity)}, so that the weight stays")
-
-
-def place(effect: ModelEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate and on the whole; weight acts on the whole alone."""
-    single = finder.constant_inertia and len(finder.coordinates) == 1  # then both are the same
-    along = [] if single else finder.find_along_coordinates(effect)
-    return [*along, *(PlacedEffect(effect, finder.whole, variant) for variant in effect.variants)]
 
 
 EFFECT = ModelEffect(
@@ -75,7 +55,7 @@ EFFECT = ModelEffect(
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="a static hold and a motion, both under known inputs",
     variants=("", WEIGHT),
-    place=place,
+    along="whole",
     change=change,
     energy_bounded=lambda p, placed: True,
     excitation=grade_excitation,
@@ -84,7 +64,7 @@ EFFECT = ModelEffect(
     mujoco=to_mujoco,
     title="another mass than the simulation's",
     kind="parameter",
-    what="The mechanism is heavier or lighter than in the simulation, by a payload for instance.",
+    what="All of the mechanism is heavier or lighter than in the simulation.",
     symptom="It swings at another frequency and fades at another rate, yet rests where it should.",
-    remedy="Weigh the payload, or set the simulation's inertia anew.",
+    remedy="Weigh the mechanism, and set the simulation's inertia anew.",
 )

@@ -1,0 +1,1 @@
+"""Springs, contact and what remembers how it was deformed; one a file."""

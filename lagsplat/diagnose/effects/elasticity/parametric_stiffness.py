@@ -1,0 +1,73 @@
+"""A stiffness that varies periodically in time.
+
+Source: Mathieu's equation, Nayfeh and Mook, "Nonlinear Oscillations", 1995, ch. 5, doi:10.1002/9783527617586.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.external.external_periodic_force import limit_period, measure_recurrence
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+
+
+@compile_force_law
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """Return ``-unit s (cosine cos(omega t) + sine sin(omega t))``."""
+    return -theta[3] * s * (theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t))
+
+
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows in many swings as sidebands of their frequency."""
+    reason = f"{measures.periods:.3g} periods"
+    record = f"record {20 * measures.period_s:.3g} s of large swings"
+    return make_grade(measures.periods > 15, measures.periods > 6, reason, record)
+
+
+def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
+    """Along each coordinate, at the spectral lines of the missing force times the distance from rest."""
+    places = []
+    for placed, hints in zip(finder.find_along_coordinates(effect), finder.hints, strict=True):
+        unit = placed.scales.of("rate")
+        grid = tuple((2.0 * np.pi * line / unit,) for line in hints.stiffness_lines_hz)
+        if grid:
+            places.append(replace(placed, effect=limit_period(effect, placed.scales), grid=grid))
+    return places
+
+
+EFFECT = ForceEffect(
+    name="parametric_stiffness",
+    group="E",
+    number=5,
+    component="conservative",
+    equation="a = -depth omega^2 cos(2 pi frequency t + phase) s",
+    parameters=(
+        EffectParameter("cosine", "ratio", Normal(0.2)),
+        EffectParameter("sine", "ratio", Normal(0.2)),
+        EffectParameter("angular_frequency", "rate", log_normal(1.5, 0.8), (0.5, 1.0, 2.0, 3.0)),
+    ),
+    needs="fifteen swings or more",
+    place=place,
+    law=force,
+    constants=lambda scales, variant: (scales.of("rate") ** 2,),
+    report_parameters=lambda p, placed: {
+        "depth": math.hypot(p["cosine"], p["sine"]),
+        "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
+    },
+    report_units={"depth": "1"},
+    excitation=grade_excitation,
+    confusable_with=("external_periodic_force", "parameter_drift"),
+    flexible=True,
+    recurrence=measure_recurrence,
+    mujoco="parameters of a model do not depend on time.",
+    title="a stiffness that changes periodically",
+    kind="mechanism",
+    what="The pull back to rest rises and falls by a rhythm of its own, as of teeth or a turning shaft.",
+    symptom="Swings grow and shrink with a rhythm, and grow without end at twice the natural frequency.",
+    remedy="Let the simulation's stiffness depend on time, or find what changes it.",
+)

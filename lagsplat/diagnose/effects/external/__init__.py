@@ -1,0 +1,1 @@
+"""Forces from outside, and properties that change with time; one a file."""

@@ -1,0 +1,1 @@
+"""Friction and damping; one a file."""

@@ -1,0 +1,66 @@
+"""Friction that differs between both directions, dry or viscous."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales
+from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+
+VISCOUS = "viscous"
+
+
+@compile_force_law
+def force(t, s, v, spring, drive, memory, theta, d_memory):
+    """Return ``-forward`` or ``backward`` by the sign of ``v``, times a smooth step or the speed."""
+    shape = v * theta[3] if theta[3] > 0.0 else math.tanh(v / theta[2])
+    return -(theta[0] if v > 0.0 else theta[1]) * shape
+
+
+def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
+    """Speed over which dry friction is smooth, and what makes a speed a share of the rms, or zero."""
+    return (0.02 * scales.velocity, 1.0 / scales.velocity if variant == VISCOUS else 0.0)
+
+
+def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
+    unit = _constants(placed.scales, placed.variant)[1] or 1.0
+    return {name: parameters[name] * unit for name in ("forward", "backward")}
+
+
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """It shows in the losses of both half-swings, and dry friction best where it comes to rest."""
+    yes = measures.reversals >= 8 and measures.amplitude_ratio > 1.8
+    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), ask_for_decay(measures))
+
+
+EFFECT = ForceEffect(
+    name="asymmetric_friction",
+    group="B",
+    number=6,
+    component="dissipative",
+    equation="a = -forward sign(v) for v > 0, -backward sign(v) for v < 0; viscous: v in place of sign(v)",
+    parameters=(
+        EffectParameter("forward", "acceleration", HalfNormal(0.2)),
+        EffectParameter("backward", "acceleration", HalfNormal(0.2)),
+    ),
+    needs="motion in both directions at several speeds",
+    variants=("", VISCOUS),
+    variant_units={VISCOUS: "1/s"},
+    law=force,
+    constants=_constants,
+    passive=True,
+    report_parameters=_report_parameters,
+    excitation=grade_excitation,
+    confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
+    # has dry and viscous friction as special cases
+    log_prior_penalty=2.0,
+    mujoco="friction loss and damping of a joint are the same in both directions.",
+    title="friction that differs between both directions",
+    kind="mechanism",
+    what="A lip seal, a ratchet or a valve resists more in one direction than in the other.",
+    symptom="Half-swings in one direction lose more than those in the other, and the mean is pushed aside.",
+    remedy="Give the simulation friction of its own for each direction.",
+)

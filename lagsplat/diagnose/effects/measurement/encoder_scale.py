@@ -1,0 +1,40 @@
+"""A sensor of one coordinate whose scale or zero is off: another count, length or mounting."""
+
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
+from lagsplat.diagnose.effects.base import Grade, ObservationEffect
+from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.measurement.camera_change import observe
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
+
+
+def grade_excitation(measures: ExcitationMeasures) -> Grade:
+    """A scale shows in large swings of a law that is not linear, or where the input is known."""
+    weak = measures.periods > 3 and (measures.amplitude_ratio > 2.0 or measures.driven)
+    reason = "only the curvature of the law, or a known force, tells a scale"
+    return make_grade(False, weak, reason, "move each joint between two stops whose distance is known")
+
+
+EFFECT = ObservationEffect(
+    name="encoder_scale",
+    number=7,
+    level="perception",
+    equation="y = q + (scale - 1) (q - rest) + offset",
+    parameters=(
+        EffectParameter("scale", "ratio", Normal(0.1)),
+        EffectParameter("offset", "coordinate", Normal(0.1)),
+    ),
+    needs="two positions that are known from elsewhere",
+    observe=observe,
+    report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
+    excitation=grade_excitation,
+    confusable_with=("input_gain", "constant_force", "mass_change"),
+    # scale and offset imitate a gain, a stiffness or a tilt
+    log_prior_penalty=4.0,
+    recorded_by="log",
+    mujoco="it concerns the sensor of the recording, not the mechanism.",
+    title="a sensor whose scale or zero is off",
+    kind="observation",
+    what="The encoder counts more or less to the turn than assumed, or its zero lies elsewhere.",
+    symptom="One coordinate appears stretched or shifted, at rest as well.",
+    remedy="Calibrate the sensor against two known positions; leave the simulation alone.",
+)
