@@ -169,8 +169,7 @@ def test_every_effect_says_what_mujoco_has_of_it() -> None:
         assert callable(effect.mujoco) or len(effect.mujoco) > 20, effect.name
 
 
-def test_rivals_and_penalties_name_effects_that_exist() -> None:
+def test_rivals_name_effects_that_exist() -> None:
     known = catalogue()
     for effect in known.values():
         assert set(effect.confusable_with) <= set(known) - {effect.name}
-        assert effect.log_prior_penalty >= 0.0

@@ -48,8 +48,6 @@ EFFECT = replace(
     excitation=grade_excitation,
     confusable_with=("external_periodic_force", "hidden_mode"),
     recurrence=measure_recurrence,
-    # the shares of the coordinates are taken from the recording that it is judged by
-    log_prior_penalty=3.0,
     mujoco="the frame of a model stands still; it would need a base that is moved from outside.",
     title="a base that shakes",
     kind="outside",

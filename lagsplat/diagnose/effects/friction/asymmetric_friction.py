@@ -55,8 +55,6 @@ EFFECT = ForceEffect(
     report_parameters=_report_parameters,
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
-    # has dry and viscous friction as special cases
-    log_prior_penalty=2.0,
     mujoco="friction loss and damping of a joint are the same in both directions.",
     title="friction that differs between both directions",
     kind="mechanism",

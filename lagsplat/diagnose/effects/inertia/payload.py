@@ -62,8 +62,6 @@ EFFECT = ModelEffect(
     excitation=grade_excitation,
     confusable_with=("mass_change", "armature", "linear_stiffness", "constant_force"),
     absorbed_by_fit=True,
-    # has the inertia of a rotor as a special case
-    log_prior_penalty=2.0,
     mujoco="a generalised coordinate does not tell which body carries the mass, and where.",
     title="a payload",
     kind="parameter",

@@ -28,8 +28,6 @@ EFFECT = ObservationEffect(
     report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
     excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force", "mass_change"),
-    # scale and offset imitate a gain, a stiffness or a tilt
-    log_prior_penalty=4.0,
     recorded_by="log",
     mujoco="it concerns the sensor of the recording, not the mechanism.",
     title="a sensor whose scale or zero is off",
