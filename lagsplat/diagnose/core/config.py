@@ -204,6 +204,7 @@ class NOISE_ESTIMATION:
     """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
 
     polynomial_degree: int = 5  # degree of the polynomial in a window [1]
+    fast_degree: int = 7  # degree where that one leaves motion [1]: at 10 samples a period 3e-4 of the swing
     min_window: int = 9  # samples of the shortest window [count]
     max_window: int = 24  # samples of the longest window [count]
     max_window_periods: float = 0.25  # duration of a window, at most [natural periods]
@@ -352,7 +353,6 @@ class ESTIMATION:
     """How recordings become data, and the Gauss-Newton steps of multiple shooting. Commit 66f7fa5."""
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
-    noise_window_periods: float = 0.15  # width of the local cubic that leaves the noise [natural periods]
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
     max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]
