@@ -142,7 +142,7 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     """
     d = motions[0].d
     sigma, correlation = np.full(d, np.nan), np.zeros(d)
-    step = np.array([find_quantisation_step(column) for column in np.concatenate([m.q for m in motions]).T])
+    step = measure_resolution(motions)
     dt_s = np.median([motion.dt_s for motion in motions])
     least = longest = NOISE_ESTIMATION.min_window
     if period_s is not None:
@@ -157,6 +157,14 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
             if plain <= agreement * fast[i][2]:
                 sigma[i], correlation[i] = size, rho
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+
+
+def measure_resolution(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " d"]:
+    """Steps of the sensor [the coordinate's unit], as the motions name them or as found; 0 without any."""
+    known = [motion.resolution for motion in motions if motion.resolution]
+    if known:
+        return np.max(known, axis=0)
+    return np.array([find_quantisation_step(column) for column in np.concatenate([m.q for m in motions]).T])
 
 
 def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:

@@ -59,6 +59,22 @@ def test_samples_that_repeat_while_the_motion_goes_on() -> None:
     assert of_samples(replace(motion, q=q)) == []
 
 
+@pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("step", [0.01, 0.001, 0.0001])
+def test_counts_that_repeat_are_no_lost_samples(rate_hz: float, step: float) -> None:
+    motion = swing(noise=0.0, rate_hz=rate_hz)
+    assert of_samples(replace(motion, q=np.rint(motion.q / step) * step)) == []
+
+
+@pytest.mark.parametrize(("size", "share"), [(0.05, 1.0), (20.0, 5.0**-0.5)])
+def test_means_of_counts_are_no_better_where_the_motion_stays_within_one(size: float, share: float) -> None:
+    """The noise is that of the counts, 1 / sqrt(12), unless each sample is another count."""
+    motion = swing(noise=0.0, rate_hz=1000.0, start=(size * 60.0,))
+    counted = average_samples(replace(motion, q=np.rint(motion.q)), 5, held=False)
+    sigma = measure_noise([counted], period_s=PERIOD_S).sigma[0]
+    assert sigma == pytest.approx(share / np.sqrt(12.0), rel=0.1)
+
+
 def test_steps_count_only_when_they_are_coarse() -> None:
     motion = swing(noise=0.0)
     size = float(motion.q.std())
