@@ -3,7 +3,7 @@
 import contextlib
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,17 @@ from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
 from lagsplat.diagnose.core.config import ERROR_BUDGET, VERDICT, DiagnoseConfig
-from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
+from lagsplat.diagnose.data_quality.periodic_inputs import (
+    estimate_common_period_s,
+    estimate_input_period_s,
+    wrap_shift,
+)
 from lagsplat.diagnose.diagnosis import DiagnosisRun, diagnose
-from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.effects.base import InputEffect, SampleEffect
+from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.problem import measure_misfit
@@ -28,7 +34,7 @@ from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQualit
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.files.atomic import write_text
-from lagsplat.io.trajectory.trajectory import leading_samples
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
 from lagsplat.provenance import stamp
@@ -87,6 +93,7 @@ def run_diagnosis(
             "findings": [asdict(finding) for finding in inputs.checked.findings],
         },
     )
+    diagnosis = wrap_time_shifts(diagnosis, inputs.real)
     if inputs.recordings is not None:
         diagnosis = inputs.recordings.judge(diagnosis)
     diagnosis = flag_extrapolation(diagnosis, inputs.checked)
@@ -143,6 +150,27 @@ def _locate(
     for name in named:
         shares[name] = shares.get(name, 0.0) + probability / len(named)
     return replace(where, level=chosen[0].level, components=shares)
+
+
+def wrap_time_shifts(diagnosis: Diagnosis, real: Sequence[Trajectory]) -> Diagnosis:
+    """Give shifts of periodic inputs within half a period of zero; whole periods more look the same."""
+    periods_s = {name: estimate_input_period_s(real, i) for i, name in enumerate(diagnosis.u_names)}
+    periods_s["all"] = estimate_common_period_s(real)
+
+    def wrap(candidate: Candidate) -> Candidate:
+        effect = catalogue().get(candidate.name)
+        shift = effect.time_shift if isinstance(effect, InputEffect) else ""
+        parameters = dict(candidate.parameters)
+        for name, fitted in candidate.parameters.items() if shift else ():
+            place = name.removeprefix(shift).strip() or candidate.input or "all"
+            period_s = periods_s.get(place)
+            if name.startswith(shift) and period_s is not None:
+                moved = wrap_shift(fitted.value, period_s) - fitted.value
+                low, high = (None if end is None else end + moved for end in (fitted.low, fitted.high))
+                parameters[name] = replace(fitted, value=fitted.value + moved, low=low, high=high)
+        return replace(candidate, parameters=parameters)
+
+    return replace(diagnosis, candidates=tuple(wrap(candidate) for candidate in diagnosis.candidates))
 
 
 def flag_extrapolation(diagnosis: Diagnosis, checked: DataCheck) -> Diagnosis:

@@ -247,6 +247,10 @@ class TIME_ALIGNMENT:
     min_periods: float = 6.0  # duration of a recording [natural periods] below which chance fits some shift
     fair_explained_share: float = 0.85  # share explained [1] below which they are too, with `min_error_ratio`
     min_error_ratio: float = 4.0  # ratio by which a shift must shrink what is not explained [1]
+    max_aperiodic_share: float = 0.02  # power that a period may leave [1]: an input sensor's error of 1/10
+    equal_period_error: float = 0.02  # relative difference of periods [1] that count as one
+    min_input_samples: int = 32  # samples of a clip whose input may be periodic [count]
+    max_input_samples: int = 20000  # samples at which an input is compared with itself, at most [count]
 
 
 # --- Residual

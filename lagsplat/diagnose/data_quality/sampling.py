@@ -233,7 +233,7 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
 
 
 def _find_equal_runs(motion: Trajectory) -> np.ndarray:
-    """First and last sample (R, 2) of each run of equal samples, with two others of its clip on both sides."""
+    """First and last sample (R, 2) of runs of equal samples, with two others of their clip on each side."""
     same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
     runs = []
     for start, stop in motion.segments:

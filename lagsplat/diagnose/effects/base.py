@@ -160,6 +160,7 @@ class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
     change: Any
+    time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
 
