@@ -165,7 +165,7 @@ def cut_windows(dataset: Dataset, *, length_s: float, min_frames: int) -> Window
         first += borders[:-1].tolist()
         length += (np.diff(borders) + 1).tolist()
     if not first:
-        raise ValueError(f"no clip has {min_frames} frames; record longer stretches without a cut")
+        raise ValueError(f"no clip has {min_frames} samples; record longer stretches without a cut")
     return WindowSet(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
 
 

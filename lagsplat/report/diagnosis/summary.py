@@ -42,7 +42,7 @@ HEADLINES = {
     "undetermined": "This recording cannot decide",
 }
 LEVEL_TITLES = {
-    "perception": "The gap arises where the images are read, before any physics",
+    "perception": "The gap arises in the measurement itself, in the sensor or its clock, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
     "actuation": "The gap lies in how the inputs act",
     "dynamics": "The gap lies in the motion itself",
@@ -57,7 +57,7 @@ ACTS_LIKE = {
 }
 CONSEQUENCES = {
     "parameter": "This is a parameter change: the simulation lacks no physics, and a refit suffices.",
-    "observation": "The fault is in camera or timing; the mechanism moves as simulated.",
+    "observation": "The fault is in the sensor or its clock; the mechanism moves as simulated.",
     "outside": "The mechanism itself moves as simulated.",
 }
 """What it means if all effects found are of one kind."""

@@ -69,7 +69,7 @@ def test_lost_frames_are_said_and_not_cut(noise: float) -> None:
     lost = Trajectory(time_s=motion.time_s[: len(kept)], q=motion.q[kept], u=motion.u[kept])
     found, said = cut(lost)
     assert found.segments == ((0, len(kept)),)
-    assert said == ["missing frames"]
+    assert said == ["missing samples"]
 
 
 def test_a_sensor_that_jumps_all_the_time_is_not_cut_to_shreds() -> None:
