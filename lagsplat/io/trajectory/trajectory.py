@@ -148,7 +148,7 @@ class Trajectory:
 def read_trajectory_file(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> Trajectory:
-    """Read the trajectory in a CSV, Parquet or NPZ file.
+    """Read the trajectory in a CSV, Parquet, NPZ or MATLAB file.
 
     ``columns`` maps standard names to the file's own, ``{"t": "time", "q0": "position", "u0": "torque"}``;
     columns with standard names need no entry. A text file may have a byte-order mark, ``#`` comments, spaces
