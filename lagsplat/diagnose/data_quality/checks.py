@@ -120,19 +120,22 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
 def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     """Continue angles where a sensor wraps around from one end of a turn to the other.
 
-    A step counts that is a whole turn, in radians or degrees, to within a quarter of it, where no other step
-    is a tenth as long. Measured rates are not touched.
+    A step counts that is longer than half a turn, in radians or degrees, of an angle that keeps within one
+    turn. Less the turn it must agree with the steps before and after, to within a quarter of a turn, at each
+    of these steps: a cut would not. Measured rates are not touched.
     """
     q, findings = motion.q.copy(), []
     inside = motion.joined
     for i in range(motion.d):
         step = np.diff(q[:, i])
         for turn in FULL_TURNS:
-            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
-            others = np.delete(np.abs(step), jumps)
-            span = np.ptp(q[:, i])
-            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
+            wraps = inside & (np.abs(step) > 0.5 * turn)
+            continued = step - turn * np.sign(step) * wraps
+            bends = np.abs(np.diff(continued)) * (inside[:-1] & inside[1:])
+            beside = wraps[:-1] | wraps[1:]
+            if not wraps.any() or np.ptp(q[:, i]) > 1.1 * turn or (bends[beside] > 0.25 * turn).any():
                 continue
+            jumps = np.flatnonzero(wraps)
             shift = np.zeros(motion.n)
             for start, stop in motion.segments:
                 for at in jumps[(jumps >= start) & (jumps < stop)]:

@@ -107,6 +107,20 @@ def test_angles_are_continued_over_the_end_of_a_turn(turn: float) -> None:
     assert unwrap_angles(about)[1] == ()
 
 
+@pytest.mark.parametrize("rate_hz", [15.0, 60.0])
+@pytest.mark.parametrize("speed", [0.4, 5.0])
+def test_an_angle_that_turns_fast_is_continued_and_a_cut_is_not(rate_hz: float, speed: float) -> None:
+    """At 15 Hz a fast turn makes a third of a turn from one sample to the next."""
+    time_s = np.arange(300) / rate_hz
+    about = 2.0 * np.pi * speed * time_s + 0.2 * np.sin(4.0 * time_s)
+    motion = Trajectory(time_s=time_s, q=np.mod(about, 2.0 * np.pi)[:, None], u=np.zeros((300, 0)))
+    found, findings = unwrap_angles(motion)
+    np.testing.assert_allclose(found.q[:, 0], about, atol=1e-9)
+    assert len(findings) == 1
+    torn = np.where(np.arange(300) < 150, 0.1, 4.5) + 0.1 * np.sin(4.0 * time_s)
+    assert unwrap_angles(replace(motion, q=torn[:, None]))[1] == ()
+
+
 def test_a_hand_that_holds_is_left_out_and_a_rest_is_not() -> None:
     swinging = swing(seconds=10.0, noise=0.003)
     noise = 0.001 * np.random.default_rng(1).normal(size=(120, 1))
