@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
 from lagsplat.diagnose.core.config import ERROR_BUDGET, VERDICT, DiagnoseConfig
@@ -37,6 +36,7 @@ from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, open_diagnosis_inputs
+from lagsplat.pipelines.diagnosis_progress import ProgressDisplay
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
@@ -73,7 +73,7 @@ def run_diagnosis(
         log_evidence_offset=log_evidence_offset,
         report_progress=report_progress,
     )
-    report_progress("where")
+    report_progress("locate the gap")
     ratio = 0.0 if image_quality is None else image_quality.perception.ratio
     where = _locate(inputs, run, config, suspect=ratio > ERROR_BUDGET.suspect_error_ratio)
     nowhere = "The gap cannot be located: along the real motion the sim's forces are not finite."
@@ -194,6 +194,8 @@ def withhold_verdict(diagnosis: Diagnosis) -> Diagnosis:
 def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
     """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
+    Checks of the data, progress and warnings are shown on stderr.
+
     Raises:
         OSError: ``out`` cannot be written to.
         FileNotFoundError, ValueError: as `open_diagnosis_inputs`; nothing is written then, and an older
@@ -201,14 +203,17 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     """
     require_writable(out)
     (out / "diagnosis.json").unlink(missing_ok=True)  # an older one must not pass for this one
-    with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
+    with ProgressDisplay(config) as display, np.errstate(all="ignore"):
         # rollouts of a wrong hypothesis overflow; what is not finite is rejected where it is compared
-        warnings.simplefilter("always")
-        inputs, run, content = _diagnose_arguments(sim, real, config)
-    # warnings for programmers are dropped
-    texts = [str(each.message) for each in caught if each.category is UserWarning]
-    new = [text for text in dict.fromkeys(texts) if text not in run.diagnosis.warnings]
-    diagnosis = replace(run.diagnosis, warnings=(*run.diagnosis.warnings, *new))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            inputs, run, content = _diagnose_arguments(sim, real, config, display)
+        # warnings for programmers are dropped
+        texts = [str(each.message) for each in caught if each.category is UserWarning]
+        new = [text for text in dict.fromkeys(texts) if text not in run.diagnosis.warnings]
+        diagnosis = replace(run.diagnosis, warnings=(*run.diagnosis.warnings, *new))
+        for text in diagnosis.warnings:
+            display.warn(f"warning: {text}")
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
     augmented = build_augmented_simulator(inputs, run)
@@ -223,30 +228,28 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
 
 
 def _diagnose_arguments(
-    sim: str, real: str, config: DiagnoseConfig
+    sim: str, real: str, config: DiagnoseConfig, display: ProgressDisplay
 ) -> tuple[DiagnosisInputs, DiagnosisRun, ReportContent]:
-    inputs = open_diagnosis_inputs(sim, real, config)
-    with tqdm(unit="effect", leave=False) as bar:
+    def show_checks(checked: DataCheck) -> None:
+        display.show_checks(checked)
+        display("prepare the sim")
 
-        def report_progress(name: str) -> None:
-            bar.set_description(name)
-            bar.update()
+    inputs = open_diagnosis_inputs(sim, real, config, show_checks=show_checks)
+    try:
+        run = run_diagnosis(inputs, config, report_progress=display)
+    except ValueError as error:
+        reason = str(error)
+        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
+            reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
+        raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
+    display("draw the figures", 1)
+    content = build_report_content(inputs, run)
+    if inputs.recordings is not None:
+        from lagsplat.pipelines.diagnosis_images import add_images
 
-        try:
-            run = run_diagnosis(inputs, config, report_progress=report_progress)
-        except ValueError as error:
-            reason = str(error)
-            if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
-                reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
-            raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
-        report_progress("figures")
-        content = build_report_content(inputs, run)
-        if inputs.recordings is not None:
-            from lagsplat.pipelines.diagnosis_images import add_images
-
-            report_progress("pictures")
-            run, content = add_images(inputs, run, content)
-        return inputs, run, content
+        display("compare the images", 1)
+        run, content = add_images(inputs, run, content)
+    return inputs, run, content
 
 
 def require_writable(out: Path) -> None:

@@ -166,7 +166,7 @@ def _mention_combination(diagnosis: Diagnosis) -> str:
 
 
 def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
-    why = _explain_undecided(diagnosis).rstrip(".")
+    why = explain_undecided(diagnosis).rstrip(".")
     sentences = [
         f"This recording cannot decide what is wrong with the simulation, if anything: {why}.",
         _describe_size(diagnosis),
@@ -177,7 +177,7 @@ def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
     return [*sentences, _recommend_next(diagnosis)]
 
 
-def _explain_undecided(diagnosis: Diagnosis) -> str:
+def explain_undecided(diagnosis: Diagnosis) -> str:
     """The main reason why nothing can be decided; a general sentence where none is given."""
     reasons = diagnosis.checks.get("undetermined")
     if reasons:
