@@ -232,6 +232,7 @@ class SAMPLING:
     rest_noise_ratio: float = 3.0  # motion over the noise [1] below which nothing moves
     block_periods: float = 1.5  # duration of a block whose sampling is judged [natural periods]
     block_samples: int = 60  # samples of such a block, at least [count]
+    min_inertial_share: float = 0.03  # inertial over restoring force [1] that shows: `VERDICT.law_error`
     min_blocks: int = 8  # blocks from which a comparison is made [count]
     min_periods: float = 2.5  # duration of a recording [natural periods] below which too little repeats
 

@@ -13,7 +13,7 @@ from lagsplat.diagnose.data_quality.input_checks import check_feedback, check_ti
 from lagsplat.diagnose.data_quality.natural_period import estimate_natural_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_noise
 from lagsplat.diagnose.data_quality.periodic_inputs import check_periodic_inputs
-from lagsplat.diagnose.data_quality.sampling import check_length, check_samples
+from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, check_slowness
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
@@ -81,6 +81,7 @@ def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataChe
     findings += check_inputs(nominal.motions if nominal else (), measured.motions)
     findings += check_periodic_inputs(measured.motions)
     known_s = nominal.period_s if nominal and nominal.period_s else measured.period_s
+    findings += check_slowness(measured.motions, period_s=known_s)
     findings += check_time_offset(measured.motions, period_s=known_s)
     findings += check_feedback(measured.motions, period_s=measured.period_s)
     return DataCheck(nominal, measured, tuple(dict.fromkeys(findings)))

@@ -132,6 +132,23 @@ def check_length(
     return findings
 
 
+def check_slowness(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
+    """Report motions so slow that the inertia hardly acts, against the natural period ``period_s`` [s].
+
+    A motion of period T has the inertial force ``(period_s / T)^2``, over the restoring one.
+    """
+    slow_s, fast_s = (compute_rms_period_s(motions, order) for order in (0, 1))
+    if period_s is None or slow_s is None or fast_s is None:
+        return []
+    share = period_s**2 / (slow_s * fast_s)
+    if share > SAMPLING.min_inertial_share:
+        return []
+    what = f"quasi-static: inertial forces are {100.0 * share:.2g} % of the restoring ones"
+    why = "masses, damping and delays hardly show in so slow a motion; friction and stiffness do"
+    remedy = f"record motions with periods of about {period_s:.3g} s as well"
+    return [Finding("warn", "quasi-static", "real", what, why, remedy)]
+
+
 def _moves_smoothly(motions: Sequence[Trajectory]) -> np.ndarray:
     """Whether each coordinate, though small, moves smoothly: several samples in a row agree."""
     smooth = np.zeros(motions[0].d, dtype=bool)

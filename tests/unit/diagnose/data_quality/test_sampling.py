@@ -17,6 +17,7 @@ from lagsplat.diagnose.data_quality.sampling import (
     average_samples,
     check_length,
     check_samples,
+    check_slowness,
     count_blocks,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -73,6 +74,14 @@ def test_means_of_counts_are_no_better_where_the_motion_stays_within_one(size: f
     counted = average_samples(replace(motion, q=np.rint(motion.q)), 5, held=False)
     sigma = measure_noise([counted], period_s=PERIOD_S).sigma[0]
     assert sigma == pytest.approx(share / np.sqrt(12.0), rel=0.1)
+
+
+@pytest.mark.parametrize(("input_s", "told"), [(1.5, []), (12.0, ["quasi-static"])])
+def test_a_motion_far_below_the_natural_frequency_is_quasi_static(input_s: float, told: list[str]) -> None:
+    drive = np.sin(2.0 * np.pi * np.arange(3600) / 60.0 / input_s)
+    motion = swing(seconds=60.0, damping=0.3, start=(0.0,), drive=drive)
+    assert [finding.check for finding in check_slowness([motion], period_s=PERIOD_S)] == told
+    assert check_slowness([motion], period_s=None) == []
 
 
 def test_steps_count_only_when_they_are_coarse() -> None:
