@@ -225,6 +225,7 @@ class SAMPLING:
     coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
     min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]
     slowest_step_s: float = 0.9  # step between samples [s] from which times may be in ms: 1 kHz is 1
+    slowest_period_s: float = 100.0  # natural period [s] from which they may be, too: of a rope of 2.5 km
     quantization_share: float = 0.1  # quantization step over the coordinate's rms [1] that is worth a note
     clipped_share: float = 0.02  # share of samples at an extreme [1] from which a sensor saturates
     clipped_run: int = 4  # samples in a row at that extreme [count]

@@ -178,8 +178,9 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
         wanted_hz = 2.0 * SAMPLING.coarse_samples_per_period / period_s
         remedy = f"record at least {wanted_hz:.3g} samples a second"
         findings.append(Finding(level, "too coarse", motion.source, what, why, remedy))
-    if motion.dt_s > SAMPLING.slowest_step_s:
-        what = f"a sample every {motion.dt_s:.4g} s, over {motion.duration_s:.4g} s"
+    if motion.dt_s > SAMPLING.slowest_step_s or (period_s or 0.0) > SAMPLING.slowest_period_s:
+        swings = "" if period_s is None else f", and a natural period of {period_s:.4g} s"
+        what = f"a sample every {motion.dt_s:.4g} s, over {motion.duration_s:.4g} s{swings}"
         why = "times are read in seconds, and hardly a mechanism is so slow"
         remedy = "divide t by 1000 if it is in milliseconds"
         findings.append(Finding("warn", "slow clock", motion.source, what, why, remedy))

@@ -42,8 +42,10 @@ def test_a_good_recording_has_nothing_to_say(noise: float) -> None:
     assert of_length(swing(noise=noise, seconds=18.0)) == []
 
 
-def test_milliseconds_are_not_taken_for_seconds_in_silence() -> None:
-    slow = replace(swing(noise=0.01), time_s=1000.0 * swing(noise=0.01).time_s)
+@pytest.mark.parametrize("rate_hz", [60.0, 2000.0])
+def test_milliseconds_are_not_taken_for_seconds_in_silence(rate_hz: float) -> None:
+    motion = swing(noise=0.01, rate_hz=rate_hz)
+    slow = replace(motion, time_s=1000.0 * motion.time_s)
     noise = measure_noise([slow], period_s=1000.0 * PERIOD_S)
     (found,) = check_samples(slow, period_s=1000.0 * PERIOD_S, noise=noise)
     assert found.level == "warn"
