@@ -73,7 +73,7 @@ def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
     assert [line.partition(":")[0] for line in lines] == ["verdict", "gap", "where", "shrinks", "next"]
     assert "drag" in lines[0]
     assert str(tmp_path / "d" / "report.html") in lines[-1]
-    assert told_now.err.index("data: 14 s") < told_now.err.index("quadratic drag")
+    assert told_now.err.index("data: ") < told_now.err.index("quadratic drag")
 
 
 def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
