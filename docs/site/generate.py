@@ -32,7 +32,7 @@ GROUPS = {
     "D": "Memory",
     "E": "Contact and external forces",
     "F": "Structure",
-    "G": "Camera and clock",
+    "G": "Sensor and clock",
 }
 """Groups of effects, in the order of the catalogue's page."""
 

@@ -70,12 +70,14 @@ VERBS = {
         keys=(
             (
                 "sim=SIM",
-                "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute, which is run; required",
+                "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute; required.",
             ),
+            ("", "A .py file runs as a program of yours: name none that you would not run"),
             (
                 "real=FILES",
-                "trajectories (CSV, Parquet, MCAP) or a recording; held_out for a run's own; required",
+                "trajectories (CSV, Parquet, NPZ, MAT, MCAP) or a recording; held_out for a run's own;",
             ),
+            ("", "required"),
             ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.columns.q0=angle"),
         ),

@@ -209,14 +209,11 @@ def diagnose(given: Namespace) -> None:
     keys, overrides = split_words(given.words, needed=needed, allowed=("out",), settings=("diagnose.",))
     config = compose(*overrides).diagnose
     from lagsplat.pipelines.diagnosis import diagnose_files
-    from lagsplat.report.diagnosis.summary import write_summary
+    from lagsplat.report.diagnosis.lines import write_lines
 
     out = Path(keys.get("out", "diagnosis"))
     diagnosis = diagnose_files(keys["sim"], keys["real"], out, config, command=given.text)
-    for text in diagnosis.warnings:
-        print(f"warning: {text}", file=sys.stderr)
-    print(write_summary(diagnosis))
-    print(out / "report.html")
+    print("\n".join(write_lines(diagnosis, report=out / "report.html")))
 
 
 def apply(given: Namespace) -> None:

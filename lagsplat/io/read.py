@@ -72,7 +72,9 @@ def _read_krauss(config: RecordingConfig) -> Recording:
 
 
 def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
-    """Read a trajectory from CSV, Parquet or NPZ, whose ``columns`` may be named, or from a session's MCAP.
+    """Read a trajectory from CSV, Parquet, NPZ or MATLAB, or from a session's MCAP.
+
+    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`.
 
     Example:
         >>> import lagsplat

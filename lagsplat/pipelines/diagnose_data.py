@@ -89,8 +89,9 @@ def diagnose(
 
     Args:
         sim: The simulator: its trajectories, a MuJoCo ``.xml``, ``"file.py:attribute"``, or the folder of a
-            fitted run. Trajectories are files (CSV, Parquet, NPZ, MCAP), DataFrames or mappings with columns
-            ``t`` [s], ``q0, q1, ...`` and inputs ``u0, ...``; or ``t`` (T,), ``q`` (T, d) and ``u`` (T, n_u).
+            fitted run. A ``.py`` file is a program of yours, and runs. Trajectories are files (CSV, Parquet,
+            NPZ, MAT, MCAP), DataFrames or mappings with columns ``t`` [s], ``q0, q1, ...`` and inputs ``u0,
+            ...``; or ``t`` (T,), ``q`` (T, d) and ``u`` (T, n_u).
             An array (T, 1 + d) holds time and coordinates; a mechanism with inputs needs named columns.
         real: Trajectories of the real mechanism, likewise.
         out: Folder for ``diagnosis.json``, ``report.html`` and the augmented simulator; without it nothing

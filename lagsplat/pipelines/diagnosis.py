@@ -3,21 +3,26 @@
 import contextlib
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator, build_augmented, save_augmented
 from lagsplat.diagnose.core.config import ERROR_BUDGET, VERDICT, DiagnoseConfig
-from lagsplat.diagnose.core.result import Diagnosis
+from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.data_quality.compatibility import MOSTLY_OUTSIDE_CHECK
+from lagsplat.diagnose.data_quality.periodic_inputs import (
+    estimate_common_period_s,
+    estimate_input_period_s,
+    wrap_shift,
+)
 from lagsplat.diagnose.diagnosis import DiagnosisRun, diagnose
-from lagsplat.diagnose.effects.base import SampleEffect
+from lagsplat.diagnose.effects.base import InputEffect, SampleEffect
+from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.problem import measure_misfit
@@ -28,9 +33,10 @@ from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQualit
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.files.atomic import write_text
-from lagsplat.io.trajectory.trajectory import leading_samples
+from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_diagnosis_inputs
+from lagsplat.pipelines.diagnosis_progress import ProgressDisplay
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
@@ -78,7 +84,7 @@ def run_diagnosis(
         log_evidence_offset=log_evidence_offset,
         report_progress=report_progress,
     )
-    report_progress("where")
+    report_progress("locate the gap")
     ratio = 0.0 if image_quality is None else image_quality.perception.ratio
     where = _locate(inputs, run, config, suspect=ratio > ERROR_BUDGET.suspect_error_ratio)
     nowhere = "The gap cannot be located: along the real motion the sim's forces are not finite."
@@ -98,6 +104,7 @@ def run_diagnosis(
             "findings": [asdict(finding) for finding in inputs.checked.findings],
         },
     )
+    diagnosis = wrap_time_shifts(diagnosis, inputs.real)
     if inputs.recordings is not None:
         diagnosis = inputs.recordings.judge(diagnosis)
     diagnosis = flag_extrapolation(diagnosis, inputs.checked)
@@ -159,6 +166,27 @@ def _locate(
     return replace(where, level=chosen[0].level, components=shares)
 
 
+def wrap_time_shifts(diagnosis: Diagnosis, real: Sequence[Trajectory]) -> Diagnosis:
+    """Give shifts of periodic inputs within half a period of zero; whole periods more look the same."""
+    periods_s = {name: estimate_input_period_s(real, i) for i, name in enumerate(diagnosis.u_names)}
+    periods_s["all"] = estimate_common_period_s(real)
+
+    def wrap(candidate: Candidate) -> Candidate:
+        effect = catalogue().get(candidate.name)
+        shift = effect.time_shift if isinstance(effect, InputEffect) else ""
+        parameters = dict(candidate.parameters)
+        for name, fitted in candidate.parameters.items() if shift else ():
+            place = name.removeprefix(shift).strip() or candidate.input or "all"
+            period_s = periods_s.get(place)
+            if name.startswith(shift) and period_s is not None:
+                moved = wrap_shift(fitted.value, period_s) - fitted.value
+                low, high = (None if end is None else end + moved for end in (fitted.low, fitted.high))
+                parameters[name] = replace(fitted, value=fitted.value + moved, low=low, high=high)
+        return replace(candidate, parameters=parameters)
+
+    return replace(diagnosis, candidates=tuple(wrap(candidate) for candidate in diagnosis.candidates))
+
+
 def flag_extrapolation(diagnosis: Diagnosis, checked: DataCheck) -> Diagnosis:
     """Mark a verdict `unknown` as undetermined where the sim is extrapolated or misses its own recordings."""
     why = [finding.text for finding in checked.findings if finding.check in (MOSTLY_OUTSIDE_CHECK, LAWLESS)]
@@ -180,6 +208,8 @@ def withhold_verdict(diagnosis: Diagnosis) -> Diagnosis:
 def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, command: str) -> Diagnosis:
     """Write ``diagnosis.json``, ``rollouts.csv``, ``augmented.safetensors`` and ``report.html``.
 
+    Checks of the data, progress and warnings are shown on stderr.
+
     Raises:
         OSError: ``out`` cannot be written to.
         FileNotFoundError, ValueError: as `open_diagnosis_inputs`; nothing is written then, and an older
@@ -187,14 +217,17 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     """
     require_writable(out)
     (out / "diagnosis.json").unlink(missing_ok=True)  # an older one must not pass for this one
-    with warnings.catch_warnings(record=True) as caught, np.errstate(all="ignore"):
+    with ProgressDisplay(config) as display, np.errstate(all="ignore"):
         # rollouts of a wrong hypothesis overflow; what is not finite is rejected where it is compared
-        warnings.simplefilter("always")
-        inputs, run, content = _diagnose_arguments(sim, real, config)
-    # warnings for programmers are dropped
-    texts = [str(each.message) for each in caught if each.category is UserWarning]
-    new = [text for text in dict.fromkeys(texts) if text not in run.diagnosis.warnings]
-    diagnosis = replace(run.diagnosis, warnings=(*run.diagnosis.warnings, *new))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            inputs, run, content = _diagnose_arguments(sim, real, config, display)
+        # warnings for programmers are dropped
+        texts = [str(each.message) for each in caught if each.category is UserWarning]
+        new = [text for text in dict.fromkeys(texts) if text not in run.diagnosis.warnings]
+        diagnosis = replace(run.diagnosis, warnings=(*run.diagnosis.warnings, *new))
+        for text in diagnosis.warnings:
+            display.warn(f"warning: {text}")
     out.mkdir(parents=True, exist_ok=True)
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
     augmented = build_augmented_simulator(inputs, run)
@@ -209,30 +242,28 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
 
 
 def _diagnose_arguments(
-    sim: str, real: str, config: DiagnoseConfig
+    sim: str, real: str, config: DiagnoseConfig, display: ProgressDisplay
 ) -> tuple[DiagnosisInputs, DiagnosisRun, ReportContent]:
-    inputs = open_diagnosis_inputs(sim, real, config)
-    with tqdm(unit="effect", leave=False) as bar:
+    def show_checks(checked: DataCheck) -> None:
+        display.show_checks(checked)
+        display("prepare the sim")
 
-        def report_progress(name: str) -> None:
-            bar.set_description(name)
-            bar.update()
+    inputs = open_diagnosis_inputs(sim, real, config, show_checks=show_checks)
+    try:
+        run = run_diagnosis(inputs, config, report_progress=display)
+    except ValueError as error:
+        reason = str(error)
+        if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
+            reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
+        raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
+    display("draw the figures", 1)
+    content = build_report_content(inputs, run)
+    if inputs.recordings is not None:
+        from lagsplat.pipelines.diagnosis_images import add_images
 
-        try:
-            run = run_diagnosis(inputs, config, report_progress=report_progress)
-        except ValueError as error:
-            reason = str(error)
-            if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
-                reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
-            raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
-        report_progress("figures")
-        content = build_report_content(inputs, run)
-        if inputs.recordings is not None:
-            from lagsplat.pipelines.diagnosis_images import add_images
-
-            report_progress("pictures")
-            run, content = add_images(inputs, run, content)
-        return inputs, run, content
+        display("compare the images", 1)
+        run, content = add_images(inputs, run, content)
+    return inputs, run, content
 
 
 def require_writable(out: Path) -> None:

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,11 +71,14 @@ class DiagnosisInputs:
         return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
 
 
-def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> DiagnosisInputs:
+def open_diagnosis_inputs(
+    sim: str, real: str, config: DiagnoseConfig, *, show_checks: Callable[[DataCheck], None] = lambda _: None
+) -> DiagnosisInputs:
     """Read and check what the arguments name, and make the simulator's model.
 
     ``sim`` names recordings, a program, a MuJoCo file, an augmented sim or the folder of a fitted run;
-    ``real`` names recordings of the real mechanism, or the run's own by ``held_out``.
+    ``real`` names recordings of the real mechanism, or the run's own by ``held_out``. ``show_checks`` is
+    called with the checks of the data before anything is fitted.
 
     Raises:
         FileNotFoundError: a file does not exist.
@@ -101,6 +104,7 @@ def open_diagnosis_inputs(sim: str, real: str, config: DiagnoseConfig) -> Diagno
         if not models:
             nominal = read_sources(sims, columns=config.columns)
         checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
+    show_checks(checked)
     excitation: tuple[Excitation, ...] = ()
     period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
     if period_s is not None:

@@ -197,6 +197,7 @@ class NOISE_ESTIMATION:
     """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
 
     polynomial_degree: int = 5  # degree of the polynomial in a window [1]
+    fast_degree: int = 7  # degree where that one leaves motion [1]: at 10 samples a period 3e-4 of the swing
     min_window: int = 9  # samples of the shortest window [count]
     max_window: int = 24  # samples of the longest window [count]
     max_window_periods: float = 0.25  # duration of a window, at most [natural periods]
@@ -217,6 +218,7 @@ class SAMPLING:
     coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
     min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]
     slowest_step_s: float = 0.9  # step between samples [s] from which times may be in ms: 1 kHz is 1
+    slowest_period_s: float = 100.0  # natural period [s] from which they may be, too: of a rope of 2.5 km
     quantization_share: float = 0.1  # quantization step over the coordinate's rms [1] that is worth a note
     clipped_share: float = 0.02  # share of samples at an extreme [1] from which a sensor saturates
     clipped_run: int = 4  # samples in a row at that extreme [count]
@@ -224,6 +226,7 @@ class SAMPLING:
     rest_noise_ratio: float = 3.0  # motion over the noise [1] below which nothing moves
     block_periods: float = 1.5  # duration of a block whose sampling is judged [natural periods]
     block_samples: int = 60  # samples of such a block, at least [count]
+    min_inertial_share: float = 0.03  # inertial over restoring force [1] that shows: `VERDICT.law_error`
     min_blocks: int = 8  # blocks from which a comparison is made [count]
     min_periods: float = 2.5  # duration of a recording [natural periods] below which too little repeats
 
@@ -239,6 +242,10 @@ class TIME_ALIGNMENT:
     min_periods: float = 6.0  # duration of a recording [natural periods] below which chance fits some shift
     fair_explained_share: float = 0.85  # share explained [1] below which they are too, with `min_error_ratio`
     min_error_ratio: float = 4.0  # ratio by which a shift must shrink what is not explained [1]
+    max_aperiodic_share: float = 0.02  # power that a period may leave [1]: an input sensor's error of 1/10
+    equal_period_error: float = 0.02  # relative difference of periods [1] that count as one
+    min_input_samples: int = 32  # samples of a clip whose input may be periodic [count]
+    max_input_samples: int = 20000  # samples at which an input is compared with itself, at most [count]
 
 
 # --- Residual
@@ -345,7 +352,6 @@ class ESTIMATION:
     """How recordings become data, and the Gauss-Newton steps of multiple shooting. Commit 66f7fa5."""
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
-    noise_window_periods: float = 0.15  # width of the local cubic that leaves the noise [natural periods]
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
     max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]

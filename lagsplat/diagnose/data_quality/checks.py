@@ -12,7 +12,8 @@ from lagsplat.diagnose.data_quality.discontinuities import cut_gaps, cut_jumps, 
 from lagsplat.diagnose.data_quality.input_checks import check_feedback, check_time_offset
 from lagsplat.diagnose.data_quality.natural_period import estimate_natural_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_noise
-from lagsplat.diagnose.data_quality.sampling import check_length, check_samples
+from lagsplat.diagnose.data_quality.periodic_inputs import check_periodic_inputs
+from lagsplat.diagnose.data_quality.sampling import check_length, check_samples, check_slowness
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FULL_TURNS = (2.0 * np.pi, 360.0)  # a whole turn in radians and in degrees
@@ -78,7 +79,9 @@ def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataChe
     findings += check_length(measured.motions, period_s=shorter_s, noise=measured.noise, side="real")
     findings += measured.findings
     findings += check_inputs(nominal.motions if nominal else (), measured.motions)
+    findings += check_periodic_inputs(measured.motions)
     known_s = nominal.period_s if nominal and nominal.period_s else measured.period_s
+    findings += check_slowness(measured.motions, period_s=known_s)
     findings += check_time_offset(measured.motions, period_s=known_s)
     findings += check_feedback(measured.motions, period_s=measured.period_s)
     return DataCheck(nominal, measured, tuple(dict.fromkeys(findings)))
@@ -118,19 +121,22 @@ def prepare_side(motions: Sequence[Trajectory], *, nominal_period_s: float | Non
 def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     """Continue angles where a sensor wraps around from one end of a turn to the other.
 
-    A step counts that is a whole turn, in radians or degrees, to within a quarter of it, where no other step
-    is a tenth as long. Measured rates are not touched.
+    A step counts that is longer than half a turn, in radians or degrees, of an angle that keeps within one
+    turn. Less the turn it must agree with the steps before and after, to within a quarter of a turn, at each
+    of these steps: a cut would not. Measured rates are not touched.
     """
     q, findings = motion.q.copy(), []
     inside = motion.joined
     for i in range(motion.d):
         step = np.diff(q[:, i])
         for turn in FULL_TURNS:
-            jumps = np.flatnonzero(inside & (np.abs(np.abs(step) - turn) < 0.25 * turn))
-            others = np.delete(np.abs(step), jumps)
-            span = np.ptp(q[:, i])
-            if not jumps.size or span > 1.1 * turn or (others[np.delete(inside, jumps)] > 0.1 * turn).any():
+            wraps = inside & (np.abs(step) > 0.5 * turn)
+            continued = step - turn * np.sign(step) * wraps
+            bends = np.abs(np.diff(continued)) * (inside[:-1] & inside[1:])
+            beside = wraps[:-1] | wraps[1:]
+            if not wraps.any() or np.ptp(q[:, i]) > 1.1 * turn or (bends[beside] > 0.25 * turn).any():
                 continue
+            jumps = np.flatnonzero(wraps)
             shift = np.zeros(motion.n)
             for start, stop in motion.segments:
                 for at in jumps[(jumps >= start) & (jumps < stop)]:

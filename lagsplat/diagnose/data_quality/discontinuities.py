@@ -74,9 +74,9 @@ def cut_jumps(
     if lost:
         first_s = motion.time_s[min(jump.at for jump in lost)]
         what = f"{len(lost)} jump(s) along the motion, the first at {first_s:.6g} s"
-        why = "frames are missing there although the times go on evenly"
+        why = "samples are missing there although the times go on evenly"
         remedy = "it is not cut, and `frame_drops` is among the candidates"
-        findings.append(Finding("warn", "missing frames", motion.source, what, why, remedy))
+        findings.append(Finding("warn", "missing samples", motion.source, what, why, remedy))
     most = np.inf if period_s is None else DISCONTINUITIES.max_cuts_per_period * motion.duration_s / period_s
     if len(cuts) > max(3.0, most):
         what = f"{len(cuts)} jumps in position, more than one in two periods"

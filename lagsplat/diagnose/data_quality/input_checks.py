@@ -10,6 +10,7 @@ from lagsplat.diagnose.core.config import CLOSED_LOOP, TIME_ALIGNMENT
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_test_functions
 from lagsplat.diagnose.data_quality.noise import fit_locally
+from lagsplat.diagnose.data_quality.periodic_inputs import estimate_common_period_s
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -181,6 +182,9 @@ def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) 
         shifts, shares = score_input_shifts(motion, period_s=period_s)
         if not len(shifts):
             continue
+        # a shift of a periodic input is the same as one within half its period
+        longest_s = 0.5 * (estimate_common_period_s([motion]) or np.inf)
+        shifts, shares = shifts[np.abs(shifts) <= longest_s], shares[np.abs(shifts) <= longest_s]
         near = np.abs(shifts) <= TIME_ALIGNMENT.gross_shift_periods * period_s
         best = int(np.argmax(shares))
         share, usual = shares[best], shares[near].max()

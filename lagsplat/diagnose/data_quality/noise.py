@@ -1,7 +1,6 @@
 """Measurement noise of a recorded motion, and local polynomials that smooth it.
 
-`estimate_noise_level` is a faster estimate than `measure_noise`, of the deviation alone. `fit_locally` and
-`fit_local_cubic` differ at borders and in how they choose the window.
+`fit_locally` and `fit_local_cubic` differ at borders and in how they choose the window.
 """
 
 from collections.abc import Sequence
@@ -112,37 +111,6 @@ def _choose_half_width(time_s: np.ndarray, width_s: float) -> int:
     return int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
 
 
-def estimate_noise_level(
-    time_s: Float64[np.ndarray, " N"],
-    q: Float64[np.ndarray, "N d"],
-    clips: Int64[np.ndarray, "C 2"],
-    *,
-    width_s: float,
-) -> Float64[np.ndarray, " d"]:
-    """Standard deviation (d,) of the noise of each coordinate, robust to a few outliers.
-
-    It is that of the residual of a local cubic, corrected for what the fit takes of white noise
-    (Savitzky-Golay centre weight ``(3/4)(3 m^2 - 7) / (m (m^2 - 4))`` of ``m`` samples); NaN where no clip
-    has nine samples.
-    """
-    residuals = []
-    smooth = fit_local_cubic(time_s, q, clips, width_s=width_s)[0]
-    for start, stop in clips:
-        half = _choose_half_width(time_s[start:stop], width_s)
-        if half < 4:
-            continue
-        m = 2 * half + 1
-        kept = 1.0 - 0.75 * (3.0 * m * m - 7.0) / (m * (m * m - 4.0))
-        inner = slice(start + half, stop - half)
-        residuals.append((q[inner] - smooth[inner]) / np.sqrt(kept))
-    if not residuals:
-        return np.full(q.shape[1], np.nan)
-    residual = np.concatenate(residuals)
-    deviation = 1.4826 * np.median(np.abs(residual), axis=0)
-    inside = np.abs(residual) <= 4.0 * deviation
-    return np.sqrt(np.sum(np.where(inside, residual, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1))
-
-
 @dataclass(frozen=True)
 class MeasurementNoise:
     """Noise of each coordinate's measurement."""
@@ -164,27 +132,39 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     polynomials of degree `NOISE_ESTIMATION.polynomial_degree` are Gaussian with the covariance of a
     first-order autoregression; Student's t reduces the weight of windows with a kink. Correlation is 0 unless
     its log evidence exceeds `NOISE_ESTIMATION.correlated_log_ratio` nats. ``period_s`` is the natural period
-    [s]; without it the shortest windows are used. Sigma is NaN where no clip has
-    `NOISE_ESTIMATION.min_window` samples; it is at least that of rounding to the quantisation step.
+    [s]; without it the shortest windows are used. Where motion that is fast against the sampling exceeds the
+    polynomials, those of degree `NOISE_ESTIMATION.fast_degree` leave less, and the noise is what they leave.
+    Sigma is NaN where no clip has `NOISE_ESTIMATION.min_window` samples; it is at least that of rounding to
+    the quantisation step.
 
-    Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971.
+    Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971,
+    doi:10.1093/biomet/58.3.545.
     """
     d = motions[0].d
     sigma, correlation = np.full(d, np.nan), np.zeros(d)
-    step = np.array([find_quantisation_step(column) for column in np.concatenate([m.q for m in motions]).T])
+    step = measure_resolution(motions)
     dt_s = np.median([motion.dt_s for motion in motions])
     least = longest = NOISE_ESTIMATION.min_window
     if period_s is not None:
         wanted = NOISE_ESTIMATION.max_window_periods * period_s / dt_s
         longest = int(np.clip(wanted, least, NOISE_ESTIMATION.max_window))
-    shortest = _estimate_in_windows(motions, least, dt_s)
-    for i, (size, rho, _) in enumerate(shortest):
+    agreement, usual = NOISE_ESTIMATION.window_agreement, NOISE_ESTIMATION.polynomial_degree
+    fast = _estimate_in_windows(motions, least, dt_s, degree=NOISE_ESTIMATION.fast_degree)
+    for i, (size, rho, _) in enumerate(fast):
         sigma[i], correlation[i] = size, rho
-    for width in sorted({longest, (least + longest) // 2} - {least}):
-        for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s)):
-            if plain < NOISE_ESTIMATION.window_agreement * shortest[i][2]:
+    for width in sorted({least, longest, (least + longest) // 2}):
+        for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s, degree=usual)):
+            if plain <= agreement * fast[i][2]:
                 sigma[i], correlation[i] = size, rho
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+
+
+def measure_resolution(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " d"]:
+    """Steps of the sensor [the coordinate's unit], as the motions name them or as found; 0 without any."""
+    known = [motion.resolution for motion in motions if motion.resolution]
+    if known:
+        return np.max(known, axis=0)
+    return np.array([find_quantisation_step(column) for column in np.concatenate([m.q for m in motions]).T])
 
 
 def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
@@ -206,7 +186,7 @@ def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
 
 
 def _estimate_in_windows(
-    motions: Sequence[Trajectory], width: int, dt_s: float
+    motions: Sequence[Trajectory], width: int, dt_s: float, *, degree: int
 ) -> list[tuple[float, float, float]]:
     """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white."""
     windows = [
@@ -223,7 +203,7 @@ def _estimate_in_windows(
     values = np.stack([motion.q[window] for motion, window in chosen])
     offset = time - time.mean(axis=1, keepdims=True)
     offset = offset / np.abs(offset).max(axis=1, keepdims=True)
-    terms = NOISE_ESTIMATION.polynomial_degree + 1
+    terms = degree + 1
     # An orthonormal basis (W, K, c) of the complement of polynomials over each window.
     contrasts = np.linalg.qr(offset[..., None] ** np.arange(terms), mode="complete")[0][..., terms:]
     lags = np.abs(time[:, :, None] - time[:, None, :])

@@ -13,7 +13,7 @@ from scipy.ndimage import find_objects, label
 from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
-from lagsplat.diagnose.data_quality.noise import MeasurementNoise, fit_locally
+from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_resolution
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
@@ -50,7 +50,11 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Average ``n`` samples at a time, an odd number, each within one clip.
 
     Samples left over at a clip's end are dropped. Inputs that are ``held`` are constant from one sample to
-    the next: they are averaged from one middle to the next.
+    the next: they are averaged from one middle to the next. A mean of counts is as wrong as a count where
+    the motion stays within one, and ``sqrt(n)`` times better where each sample counts on; so is the
+    resolution that the result names.
+
+    Source: quantisation error of dithered signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
     """
     rows, later, segments, at = [], [], [], 0
     for start, stop in motion.segments:
@@ -65,6 +69,8 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     if not rows:
         return motion
     group = np.concatenate(rows)
+    resolution = measure_resolution([motion])
+    counted = np.median(np.abs(np.diff(motion.q, axis=0)), axis=0) >= resolution
     return replace(
         motion,
         time_s=motion.time_s[group].mean(axis=1),
@@ -72,6 +78,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         v=None if motion.v is None else motion.v[group].mean(axis=1),
         u=motion.u[np.concatenate(later) if held else group].mean(axis=1),
         segments=tuple(segments),
+        resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
     )
 
 
@@ -125,6 +132,23 @@ def check_length(
     return findings
 
 
+def check_slowness(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:
+    """Report motions so slow that the inertia hardly acts, against the natural period ``period_s`` [s].
+
+    A motion of period T has the inertial force ``(period_s / T)^2``, over the restoring one.
+    """
+    slow_s, fast_s = (compute_rms_period_s(motions, order) for order in (0, 1))
+    if period_s is None or slow_s is None or fast_s is None:
+        return []
+    share = period_s**2 / (slow_s * fast_s)
+    if share > SAMPLING.min_inertial_share:
+        return []
+    what = f"quasi-static: inertial forces are {100.0 * share:.2g} % of the restoring ones"
+    why = "masses, damping and delays hardly show in so slow a motion; friction and stiffness do"
+    remedy = f"record motions with periods of about {period_s:.3g} s as well"
+    return [Finding("warn", "quasi-static", "real", what, why, remedy)]
+
+
 def _moves_smoothly(motions: Sequence[Trajectory]) -> np.ndarray:
     """Whether each coordinate, though small, moves smoothly: several samples in a row agree."""
     smooth = np.zeros(motions[0].d, dtype=bool)
@@ -154,8 +178,9 @@ def check_samples(motion: Trajectory, *, period_s: float | None, noise: Measurem
         wanted_hz = 2.0 * SAMPLING.coarse_samples_per_period / period_s
         remedy = f"record at least {wanted_hz:.3g} samples a second"
         findings.append(Finding(level, "too coarse", motion.source, what, why, remedy))
-    if motion.dt_s > SAMPLING.slowest_step_s:
-        what = f"a sample every {motion.dt_s:.4g} s, over {motion.duration_s:.4g} s"
+    if motion.dt_s > SAMPLING.slowest_step_s or (period_s or 0.0) > SAMPLING.slowest_period_s:
+        swings = "" if period_s is None else f", and a natural period of {period_s:.4g} s"
+        what = f"a sample every {motion.dt_s:.4g} s, over {motion.duration_s:.4g} s{swings}"
         why = "times are read in seconds, and hardly a mechanism is so slow"
         remedy = "divide t by 1000 if it is in milliseconds"
         findings.append(Finding("warn", "slow clock", motion.source, what, why, remedy))
@@ -196,24 +221,43 @@ def _check_clipping(motion: Trajectory, noise: MeasurementNoise) -> list[Finding
 
 
 def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]:
-    """Finding of samples that repeat the one before while the motion goes on."""
-    if motion.n < 12:
+    """Finding of samples that repeat the one before while the motion goes on.
+
+    The motion during a run of equal samples is that of the cubic through the two samples before and the two
+    after it: at a turning point, or between two counts of an encoder, it comes to nothing.
+    """
+    runs = _find_equal_runs(motion)
+    if not len(runs):
         return []
-    same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1)
-    if not same.any():
-        return []
-    step = np.abs(fit_locally(motion, half_width=4).v[1:]) * np.diff(motion.time_s)[:, None]
-    least = SAMPLING.repeat_noise_ratio * np.maximum(noise.known_sigma, noise.step)
-    moves = (step > least + 1e-9 * np.ptp(motion.q, axis=0)).any(axis=1)
-    for (run,) in find_objects(label(same)[0]):
-        same[run] &= run.stop - run.start <= SAMPLING.max_repeats
-    repeats = np.flatnonzero(same & moves)
-    if not repeats.size:
+    first, last = runs.T
+    outside = np.stack([first - 2, first - 1, last + 1, last + 2], axis=1)
+    middle_s = 0.5 * (motion.time_s[first] + motion.time_s[last])
+    half_s = 0.5 * (motion.time_s[last] - motion.time_s[first])
+    offset = (motion.time_s[outside] - middle_s[:, None]) / half_s[:, None]
+    ends = np.array([1.0, -1.0])[:, None] ** np.arange(4)
+    weights = (ends[0] - ends[1]) @ np.linalg.inv(offset[..., None] ** np.arange(4))
+    moved = np.abs(np.einsum("rk,rkd->rd", weights, motion.q[outside]))
+    error = np.linalg.norm(weights, axis=1, keepdims=True) * np.maximum(noise.known_sigma, noise.step)
+    lost = (moved > SAMPLING.repeat_noise_ratio * error + 1e-9 * np.ptp(motion.q, axis=0)).any(axis=1)
+    if not lost.any():
         return []
     what = (
-        f"{len(repeats)} sample(s) repeat the one before while the motion goes on, the first at "
-        f"{motion.time_s[repeats[0] + 1]:.6g} s"
+        f"{int((last - first)[lost].sum())} sample(s) repeat the one before while the motion goes on, the "
+        f"first at {motion.time_s[first[lost][0] + 1]:.6g} s"
     )
-    why = "a frame that is shown twice is a frame that was lost"
-    remedy = "record without dropped frames; `frame_drops` is among the candidates"
+    why = "a sample that is given twice is a sample that was lost"
+    remedy = "record without losses; `frame_drops` is among the candidates"
     return [Finding("warn", REPEATED_SAMPLES_CHECK, motion.source, what, why, remedy)]
+
+
+def _find_equal_runs(motion: Trajectory) -> np.ndarray:
+    """First and last sample (R, 2) of runs of equal samples, with two others of their clip on each side."""
+    same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
+    runs = []
+    for start, stop in motion.segments:
+        found = find_objects(label(same[start : stop - 1])[0])
+        spans = [(start + run.start, start + run.stop) for (run,) in found]
+        runs += [
+            (a, b) for a, b in spans if a - start >= 2 and stop - b > 2 and b - a <= SAMPLING.max_repeats
+        ]
+    return np.array(runs, dtype=int).reshape(-1, 2)

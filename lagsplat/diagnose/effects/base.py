@@ -31,7 +31,7 @@ class EffectDescription:
     title: str  # completes "the cause is ..."
     kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
     """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
-    from elsewhere, or camera and clock; "verdict" for `none` and `unknown`."""
+    from elsewhere, or sensor and clock; "verdict" for `none` and `unknown`."""
     what: str  # what the effect is, one sentence
     symptom: str  # how it shows in a recording, one sentence
     remedy: str  # what to do about it, one sentence
@@ -52,7 +52,7 @@ class Effect(EffectDescription):
 
     name: str
     group: str
-    """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G camera."""
+    """A parameter, B dissipation, C actuation, D memory, E contact or external, F structure, G sensor."""
     number: int = 100  # position within the group wherever effects are listed for people
     equation: str
     parameters: tuple[EffectParameter, ...]
@@ -73,7 +73,7 @@ class Effect(EffectDescription):
     absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
     recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
-    component: Component | None = None  # term of the equations of motion; None for camera and clock
+    component: Component | None = None  # term of the equations of motion; None for sensor and clock
     level: Level = "dynamics"  # where on the way from image to motion it acts
     passive: bool = False  # never feeds energy into the mechanism
     energy_bounded: Callable[[Mapping[str, float], "PlacedEffect"], bool] | None = None
@@ -159,18 +159,19 @@ class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
     change: Any
+    time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationEffect(Effect):
-    """An effect of the camera: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
+    """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Any
     group: str = "G"
     level: Level = "chart"
-    mujoco: str = "it concerns the camera of the recording, not the mechanism."
+    mujoco: str = "it concerns the sensor of the recording, not the mechanism."
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
-from lagsplat.diagnose.data_quality.noise import estimate_noise_level, fit_local_cubic
+from lagsplat.diagnose.data_quality.noise import fit_local_cubic, measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
@@ -165,7 +165,7 @@ def cut_windows(dataset: Dataset, *, length_s: float, min_frames: int) -> Window
         first += borders[:-1].tolist()
         length += (np.diff(borders) + 1).tolist()
     if not first:
-        raise ValueError(f"no clip has {min_frames} frames; record longer stretches without a cut")
+        raise ValueError(f"no clip has {min_frames} samples; record longer stretches without a cut")
     return WindowSet(np.array(first, dtype=np.int64), np.array(length, dtype=np.int64))
 
 
@@ -235,18 +235,16 @@ class PreparedDataset:
 
 
 def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> PreparedDataset:
-    """Join trajectories and estimate noise, velocities and accelerations by local cubics.
+    """Join trajectories, measure their noise, and estimate velocities and accelerations by local cubics.
 
-    ``period_s`` is the natural period [s]. The noise is the residual of a cubic over
-    `ESTIMATION.noise_window_periods` of it; velocities come from a wider cubic where the noise is stronger
+    ``period_s`` is the natural period [s]. Velocities come from a wider cubic where the noise is stronger
     (`CUBIC_WIDTHS`).
     """
     samples = [(m.time_s, m.q, np.array(m.segments, dtype=np.int64)) for m in trajectories]
-    width_s = ESTIMATION.noise_window_periods * period_s
-    levels = [estimate_noise_level(*sample, width_s=width_s) for sample in samples]
-    known = np.array([level for level in levels if np.isfinite(level).all()])
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
-    sigma = np.median(known, axis=0) if len(known) else ESTIMATION.min_relative_noise * rms
+    sigma = np.maximum(
+        measure_noise(trajectories, period_s=period_s).known_sigma, ESTIMATION.min_relative_noise * rms
+    )
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
     smooth, slope, bend = zip(*(fit_local_cubic(*each, width_s=width_s) for each in samples), strict=True)
@@ -254,7 +252,7 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
         join_trajectories(trajectories, slope),
         np.concatenate(smooth),
         np.concatenate(bend),
-        np.maximum(sigma, ESTIMATION.min_relative_noise * rms),
+        sigma,
     )
 
 

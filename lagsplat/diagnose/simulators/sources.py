@@ -17,7 +17,7 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
-TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq")  # suffixes of trajectory files that are tables
+TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".mat")  # suffixes of trajectory files that are tables
 VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")  # hold frames, and need an encoder
 PYTHON_OBJECT = r"([A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*"  # module:attribute or file.py:attribute

@@ -1,1 +1,1 @@
-"""Trajectories: coordinates and inputs against time, from CSV, Parquet, NPZ or MCAP."""
+"""Trajectories: coordinates and inputs against time, from CSV, Parquet, NPZ, MATLAB or MCAP."""

@@ -1,4 +1,4 @@
-"""Read tables of numbers from CSV, Parquet and NPZ, and identify their columns by name, never by guess."""
+"""Read tables of numbers from CSV, Parquet, NPZ and MATLAB; columns are found by name, never by guess."""
 
 import csv
 import difflib
@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 TIME, SEGMENT, NUMBER = "t", "segment", "(0|[1-9][0-9]*)"
 STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
@@ -143,13 +145,13 @@ def _kind_of(name: str) -> str | None:
 
 
 SEPARATORS = ",;\t"
-KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz")
+KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz", ".mat")
 
 
 def read_table(path: Path) -> Table:
-    """Read a CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``) or NPZ file.
+    """Read CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``), NPZ or MATLAB (``.mat``).
 
-    In an NPZ an array ``q``, ``v`` or ``u`` of shape (T, k) gives columns ``q0`` to ``q{k-1}``.
+    In NPZ and MATLAB an array ``q``, ``v`` or ``u`` of shape (T, k) gives columns ``q0`` to ``q{k-1}``.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
@@ -162,6 +164,8 @@ def read_table(path: Path) -> Table:
         raise ValueError(f"{path}: {kind or 'a file without suffix'} is no table; give one of {KINDS}")
     if kind == ".npz":
         table = _from_archive(path)
+    elif kind == ".mat":
+        table = _from_matlab(path)
     elif kind in (".parquet", ".pq"):
         table = _from_parquet(path)
     else:
@@ -235,6 +239,33 @@ def _from_archive(path: Path) -> Table:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: damaged, or holds Python objects ({error}); save plain arrays") from error
+    return _from_arrays(path, arrays)
+
+
+def _from_matlab(path: Path) -> Table:
+    try:
+        content = loadmat(path, chars_as_strings=True)
+    except NotImplementedError as error:
+        raise ValueError(f"{path}: MATLAB 7.3 is not read; save it with -v7, or as CSV") from error
+    except (OSError, ValueError, TypeError, MatReadError) as error:
+        raise ValueError(f"{path}: damaged or not a MATLAB file ({error}); save it with -v7") from error
+    plain = {
+        name: value
+        for name, value in content.items()
+        if not name.startswith("__") and value.dtype.kind in "fiub"
+    }
+    vectors = {name: value.reshape(-1) for name, value in plain.items() if value.size == max(value.shape) > 1}
+    if not vectors:
+        names = [name for name in content if not name.startswith("__")]
+        raise ValueError(
+            f"{path}: no numeric vector among {names}; save t and q as plain arrays, not in cells or structs"
+        )
+    n = len(vectors.get(TIME, next(iter(vectors.values()))))
+    blocks = {name: plain[name] for name in ("q", "v", "u") if name in plain and name not in vectors}
+    return _from_arrays(path, vectors | {name: v if len(v) == n else v.T for name, v in blocks.items()})
+
+
+def _from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Table:
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.ndim == 2 and name in ("q", "v", "u"):

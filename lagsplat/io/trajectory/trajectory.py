@@ -25,8 +25,9 @@ class Trajectory:
 
     ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` per second. ``n_u`` may
     be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all samples,
-    no motion continues across their borders; empty means one clip. All numbers are finite and become
-    float64.
+    no motion continues across their borders; empty means one clip. ``resolution`` (d,) are the steps of a
+    sensor that counts, in units of ``q`` and 0 where it does not; empty means not known. All numbers are
+    finite and become float64.
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the row.
@@ -47,6 +48,7 @@ class Trajectory:
     q_names: tuple[str, ...] = ()
     u_names: tuple[str, ...] = ()
     source: str = "motion"
+    resolution: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         blocks: dict[str, np.ndarray] = {}
@@ -146,7 +148,7 @@ class Trajectory:
 def read_trajectory_file(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> Trajectory:
-    """Read the trajectory in a CSV, Parquet or NPZ file.
+    """Read the trajectory in a CSV, Parquet, NPZ or MATLAB file.
 
     ``columns`` maps standard names to the file's own, ``{"t": "time", "q0": "position", "u0": "torque"}``;
     columns with standard names need no entry. A text file may have a byte-order mark, ``#`` comments, spaces

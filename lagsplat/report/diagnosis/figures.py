@@ -51,7 +51,7 @@ CAPTIONS = {
     ),
     "state": (
         "At which positions and velocities",
-        "Mean acceleration that the sim lacks. Dots: two standard errors from zero; frames: regions in "
+        "Mean acceleration that the sim lacks. Dots: two standard errors from zero; outlined: regions in "
         "which it keeps its sign; grey: hardly visited.",
     ),
     "spectrum": (
@@ -60,7 +60,7 @@ CAPTIONS = {
     ),
     "ladder": (
         "At which stage",
-        "Error of each stage from the image to the forecast, over its floor (dashed), with its 95 % "
+        "Error of each stage from the measurement to the forecast, over its floor (dashed), with its 95 % "
         "interval.",
     ),
     "picture": (

@@ -81,7 +81,11 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         warnings=_select_warnings(diagnosis),
         figures=[drawing for drawing in drawn if drawing.figure is not None],
         video=None if content.video is None else encode_video_uri(content.video),
-        missing=_list_missing(diagnosis, [drawing.title for drawing in drawn if drawing.figure is None]),
+        # without images nothing is missing of where in them the gap lies
+        missing=_list_missing(
+            diagnosis,
+            [drawing.title for drawing in drawn if drawing.figure is None and drawing.key != "picture"],
+        ),
         verdicts=VERDICTS,
         descriptions=_describe_likely(diagnosis),
         provenance=_list_provenance(content.stamp),
@@ -142,7 +146,8 @@ def _format_measure(value: Any) -> str:
 
 
 def _list_missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
-    names = (name.removesuffix("_s").removesuffix("_hz") for name in list_missing_fields(diagnosis))
+    missing = [name for name in list_missing_fields(diagnosis) if name != "image_region"]
+    names = (name.removesuffix("_s").removesuffix("_hz") for name in missing)
     fields = ", ".join(name.replace("_", " ") for name in names)
     figures = ", ".join(f"“{title}”" for title in titles)
     parts = {"of where the gap lies": fields, "figures that need more than was computed": figures}

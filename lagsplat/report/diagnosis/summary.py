@@ -42,7 +42,7 @@ HEADLINES = {
     "undetermined": "This recording cannot decide",
 }
 LEVEL_TITLES = {
-    "perception": "The gap arises where the images are read, before any physics",
+    "perception": "The gap arises in the measurement itself, in the sensor or its clock, before any physics",
     "chart": "The gap lies in how positions are read, not in the forces",
     "actuation": "The gap lies in how the inputs act",
     "dynamics": "The gap lies in the motion itself",
@@ -57,7 +57,7 @@ ACTS_LIKE = {
 }
 CONSEQUENCES = {
     "parameter": "This is a parameter change: the simulation lacks no physics, and a refit suffices.",
-    "observation": "The fault is in camera or timing; the mechanism moves as simulated.",
+    "observation": "The fault is in the sensor or its clock; the mechanism moves as simulated.",
     "outside": "The mechanism itself moves as simulated.",
 }
 """What it means if all effects found are of one kind."""
@@ -165,7 +165,7 @@ def _mention_combination(diagnosis: Diagnosis) -> str:
 
 
 def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
-    why = _explain_undecided(diagnosis).rstrip(".")
+    why = explain_undecided(diagnosis).rstrip(".")
     sentences = [
         f"This recording cannot decide what is wrong with the simulation, if anything: {why}.",
         _describe_size(diagnosis),
@@ -176,7 +176,7 @@ def _write_undetermined(diagnosis: Diagnosis) -> list[str]:
     return [*sentences, _recommend_next(diagnosis)]
 
 
-def _explain_undecided(diagnosis: Diagnosis) -> str:
+def explain_undecided(diagnosis: Diagnosis) -> str:
     """The main reason why nothing can be decided; a general sentence where none is given."""
     reasons = diagnosis.checks.get("undetermined")
     if reasons:

@@ -68,9 +68,12 @@ def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
         "rollouts.csv",
         "augmented.safetensors",
     }
-    said = capsys.readouterr().out
-    assert "drag" in said
-    assert str(tmp_path / "d" / "report.html") in said
+    told_now = capsys.readouterr()
+    lines = told_now.out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == ["verdict", "gap", "where", "shrinks", "next"]
+    assert "drag" in lines[0]
+    assert str(tmp_path / "d" / "report.html") in lines[-1]
+    assert told_now.err.index("data: ") < told_now.err.index("quadratic drag")
 
 
 def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:

@@ -54,7 +54,7 @@ def test_a_picture_that_catches_up_is_no_cut() -> None:
     motion = swing()
     cut, found = cut_jumps(motion, sigma=SIGMA * motion.q.std(axis=0), period_s=1.0)
     assert cut.segments == motion.segments
-    assert [one.check for one in found] == ["missing frames"]
+    assert [one.check for one in found] == ["missing samples"]
 
 
 def test_long_repeats_are_frame_drops_and_leave_the_rest_as_it_was() -> None:

@@ -35,6 +35,7 @@ EFFECT = InputEffect(
     needs="an input with steps, and an event that starts without it",
     acts_everywhere=True,
     change=change,
+    time_shift="delay",
     excitation=grade_fast_input,
     confusable_with=("time_offset", "input_lag"),
     mujoco=to_mujoco,

@@ -1,4 +1,4 @@
-"""A camera that was moved or zoomed: the coordinates appear shifted and stretched."""
+"""A sensor with another zero or scale, as a camera that was moved: coordinates are shifted and stretched."""
 
 from typing import Any
 
@@ -22,8 +22,8 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: P
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """Trajectories alone hardly show it: only a nonlinear law tells a scale."""
     weak = measures.periods > 3 and (measures.amplitude_ratio > 2.0 or measures.driven)
-    reason = "without pictures only the curvature of the law tells a scale"
-    return make_grade(False, weak, reason, "film a static background too, and give the video")
+    reason = "of coordinates alone only the curvature of the law tells a scale"
+    return make_grade(False, weak, reason, "record a reference that stands still too")
 
 
 EFFECT = ObservationEffect(
@@ -34,16 +34,17 @@ EFFECT = ObservationEffect(
         EffectParameter("zoom", "ratio", Normal(0.1)),
         EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
-    needs="a background that stands still",
+    needs="a reference that stands still",
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
     excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force"),
     recorded_by="film",
     camera="moved between recordings",
-    title="a camera that was moved or zoomed",
+    title="a sensor with another zero or scale",
     kind="observation",
-    what="The camera has another pose or zoom than in the video that the simulation was learnt from.",
-    symptom="Everything appears shifted or stretched, at rest as well; the background is too.",
-    remedy="Put the camera back or calibrate it; leave the simulation alone.",
+    what="Positions are read with another zero or scale than the simulation was made with.",
+    symptom="Everything appears shifted or stretched, at rest as well.",
+    remedy="Set the zero and scale of the sensor anew; leave the simulation alone.",
+    short_title="zero or scale of the sensor",
 )

@@ -1,4 +1,4 @@
-"""A camera that moves slowly: all coordinates shift by ``rate`` a second."""
+"""A zero that drifts, as with a camera that sinks: all coordinates shift by ``rate`` a second."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: P
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """Trajectories alone never show it well: a drift of the rest looks the same."""
     reason = f"{measures.periods:.3g} periods; a drift of the rest looks the same"
-    return make_grade(False, measures.periods > 8, reason, "film a static background too, and give the video")
+    return make_grade(False, measures.periods > 8, reason, "record a reference that stands still too")
 
 
 EFFECT = ObservationEffect(
@@ -28,14 +28,15 @@ EFFECT = ObservationEffect(
     number=5,
     equation="y = q + rate t",
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
-    needs="a background that stands still, or the same motion early and late",
+    needs="a reference that stands still, or the same motion early and late",
     observe=observe,
     excitation=grade_excitation,
     confusable_with=("parameter_drift",),
     camera="moves while recording",
-    title="a camera that moves slowly",
+    title="a zero of the sensor that drifts",
     kind="observation",
-    what="The camera sinks or turns while the recording lasts.",
-    symptom="The rest position wanders, and the background with it.",
-    remedy="Fix the camera or stabilise the video; leave the simulation alone.",
+    what="The sensor or its mount moves while the recording lasts.",
+    symptom="The rest position wanders, and so does whatever stands still beside it.",
+    remedy="Fix the sensor, or subtract what its reference drifts; leave the simulation alone.",
+    short_title="drift of the sensor",
 )

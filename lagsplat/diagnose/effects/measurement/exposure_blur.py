@@ -1,4 +1,4 @@
-"""A long exposure: a frame is the mean over it, so that fast motion looks smaller."""
+"""A sensor that averages, as a long exposure does: a sample is a mean, so that fast motion looks smaller."""
 
 from typing import Any
 
@@ -33,22 +33,23 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     """Trajectories alone hardly show it: fast motion appears smaller."""
     fast = measures.samples_per_period < 25 or measures.speed_ratio > 2.0
     reason = f"{measures.samples_per_period:.3g} samples a period"
-    return make_grade(False, fast, reason, "give the video, with its exposure time")
+    return make_grade(False, fast, reason, "record with a faster sensor or filter")
 
 
 EFFECT = ObservationEffect(
     name="exposure_blur",
     number=6,
-    equation="y = mean of q over the exposure",
+    equation="y = mean of q over some time",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
-    needs="motion within one exposure, seen in the images",
+    needs="motion within one sample, and known of the sensor",
     along="whole",
     observe=observe,
     excitation=grade_excitation,
     camera="shutter",
-    title="a long exposure",
+    title="a sensor that averages over time",
     kind="observation",
-    what="Each frame is a mean over the time the shutter is open.",
+    what="Each sample is a mean over some time, such as that of a filter.",
     symptom="Fast turns look smaller than they are.",
-    remedy="Shorten the exposure; leave the simulation alone.",
+    remedy="Shorten that time; leave the simulation alone.",
+    short_title="averaging sensor",
 )

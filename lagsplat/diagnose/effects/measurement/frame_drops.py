@@ -1,4 +1,4 @@
-"""Lost or repeated frames: some frames show again what the camera saw a few frames before."""
+"""Lost or repeated samples: some samples, as frames of a camera, show what was measured a few before."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -37,18 +37,19 @@ def explain(
 EFFECT = SampleEffect(
     name="frame_drops",
     number=3,
-    equation="y_k = q(t_{k-1}) for some frames k",
+    equation="y_k = q(t_{k-1}) for some samples k",
     parameters=(EffectParameter("count", "ratio", HalfNormal(100.0)),),
     needs="motion that is fast against the noise",
     explain=explain,
     repeats=True,
     excitation=lambda measures: grade_timing(
-        measures, "record faster swings, or read the camera's own frame counter"
+        measures, "record faster swings, or read the sensor's own counter"
     ),
-    mujoco="it concerns the frames of the recording, not the mechanism.",
-    title="lost or repeated frames",
+    mujoco="it concerns the samples of the recording, not the mechanism.",
+    title="lost or repeated samples",
     kind="observation",
-    what="Some frames are missing or shown twice, and the clock does not say so.",
-    symptom="The motion halts or leaps for single frames.",
+    what="Some samples are missing or given twice, and the clock does not say so.",
+    symptom="The motion halts or leaps for single samples.",
     remedy="Record again without losses, or cut there; leave the simulation alone.",
+    short_title="lost or repeated samples",
 )

@@ -66,7 +66,7 @@ EFFECT = SampleEffect(
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
     title="time stamps that scatter",
     kind="observation",
-    what="Frames are stamped a little early or late at random.",
+    what="Samples are stamped a little early or late at random.",
     symptom="Errors are large where motion is fast and vanish where it turns.",
-    remedy="Use the camera's own time stamps; leave the simulation alone.",
+    remedy="Use the sensor's own time stamps; leave the simulation alone.",
 )

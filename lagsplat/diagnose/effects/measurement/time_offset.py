@@ -42,6 +42,7 @@ EFFECT = InputEffect(
     needs="an input with steps, and an event that starts without it",
     along="whole",
     change=change,
+    time_shift="offset",
     excitation=grade_excitation,
     confusable_with=("input_delay", "input_lag"),
     mujoco="it concerns the clocks of the recording, not the mechanism.",

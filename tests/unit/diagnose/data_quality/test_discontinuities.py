@@ -69,7 +69,7 @@ def test_lost_frames_are_said_and_not_cut(noise: float) -> None:
     lost = Trajectory(time_s=motion.time_s[: len(kept)], q=motion.q[kept], u=motion.u[kept])
     found, said = cut(lost)
     assert found.segments == ((0, len(kept)),)
-    assert said == ["missing frames"]
+    assert said == ["missing samples"]
 
 
 def test_a_sensor_that_jumps_all_the_time_is_not_cut_to_shreds() -> None:
@@ -105,6 +105,20 @@ def test_angles_are_continued_over_the_end_of_a_turn(turn: float) -> None:
     np.testing.assert_allclose(found.q, about.q, atol=1e-9 * turn)
     assert [finding.check for finding in findings] == (["wrapped"] if np.ptp(wrapped.q - about.q) else [])
     assert unwrap_angles(about)[1] == ()
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 60.0])
+@pytest.mark.parametrize("speed", [0.4, 5.0])
+def test_an_angle_that_turns_fast_is_continued_and_a_cut_is_not(rate_hz: float, speed: float) -> None:
+    """At 15 Hz a fast turn makes a third of a turn from one sample to the next."""
+    time_s = np.arange(300) / rate_hz
+    about = 2.0 * np.pi * speed * time_s + 0.2 * np.sin(4.0 * time_s)
+    motion = Trajectory(time_s=time_s, q=np.mod(about, 2.0 * np.pi)[:, None], u=np.zeros((300, 0)))
+    found, findings = unwrap_angles(motion)
+    np.testing.assert_allclose(found.q[:, 0], about, atol=1e-9)
+    assert len(findings) == 1
+    torn = np.where(np.arange(300) < 150, 0.1, 4.5) + 0.1 * np.sin(4.0 * time_s)
+    assert unwrap_angles(replace(motion, q=torn[:, None]))[1] == ()
 
 
 def test_a_hand_that_holds_is_left_out_and_a_rest_is_not() -> None:

@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.noise import (
-    estimate_noise_level,
     find_quantisation_step,
     fit_local_cubic,
     fit_locally,
@@ -106,14 +105,23 @@ def test_a_cut_is_not_smoothed_over() -> None:
     assert np.abs(slope).max() < 1e-7
 
 
-def test_the_level_of_noise_is_found_and_outliers_do_not_raise_it() -> None:
+@pytest.mark.parametrize(("rate_hz", "deviation"), [(10.0, 1.25), (20.0, 1.15), (30.0, 1.15)])
+def test_fast_motion_sampled_slowly_is_no_noise(rate_hz: float, deviation: float) -> None:
+    """Nine samples are nearly a whole swing at 10 Hz, which a polynomial of degree five does not follow."""
+    motion = swing(noise=0.001, rate_hz=rate_hz, seconds=40.0)
+    clean = swing(noise=0.0, rate_hz=rate_hz, seconds=40.0).q.std(axis=0)
+    sigma = prepare_dataset([motion], period_s=PERIOD_S).sigma
+    assert (0.001 * clean * 0.85 < sigma).all()
+    assert (sigma < 0.001 * clean * deviation).all()
+
+
+def test_outliers_do_not_raise_the_noise() -> None:
     rng = np.random.default_rng(0)
     t = 0.02 * np.arange(1500)
-    clean = np.stack([np.sin(3.0 * t), np.cos(2.0 * t)], axis=1)
-    q = clean + rng.normal(size=clean.shape) * [0.01, 0.05]
+    q = np.stack([np.sin(3.0 * t), np.cos(2.0 * t)], axis=1) + rng.normal(size=(1500, 2)) * [0.01, 0.05]
     q[::400] += 0.5
-    found = estimate_noise_level(t, q, np.array([[0, 700], [700, 1500]]), width_s=0.3)
-    assert found == pytest.approx([0.01, 0.05], rel=0.1)
+    motion = Trajectory(time_s=t, q=q, u=np.zeros((1500, 0)), segments=((0, 700), (700, 1500)))
+    assert measure_noise([motion], period_s=2.0).sigma == pytest.approx([0.01, 0.05], rel=0.1)
 
 
 def test_a_noise_free_motion_is_given_the_least_noise() -> None:

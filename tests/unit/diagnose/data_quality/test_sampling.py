@@ -17,6 +17,7 @@ from lagsplat.diagnose.data_quality.sampling import (
     average_samples,
     check_length,
     check_samples,
+    check_slowness,
     count_blocks,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -41,8 +42,10 @@ def test_a_good_recording_has_nothing_to_say(noise: float) -> None:
     assert of_length(swing(noise=noise, seconds=18.0)) == []
 
 
-def test_milliseconds_are_not_taken_for_seconds_in_silence() -> None:
-    slow = replace(swing(noise=0.01), time_s=1000.0 * swing(noise=0.01).time_s)
+@pytest.mark.parametrize("rate_hz", [60.0, 2000.0])
+def test_milliseconds_are_not_taken_for_seconds_in_silence(rate_hz: float) -> None:
+    motion = swing(noise=0.01, rate_hz=rate_hz)
+    slow = replace(motion, time_s=1000.0 * motion.time_s)
     noise = measure_noise([slow], period_s=1000.0 * PERIOD_S)
     (found,) = check_samples(slow, period_s=1000.0 * PERIOD_S, noise=noise)
     assert found.level == "warn"
@@ -57,6 +60,30 @@ def test_samples_that_repeat_while_the_motion_goes_on() -> None:
     q = swing(noise=0.0).q.copy()
     q[-200:] = q[-200]  # at rest, where a repeat is no loss
     assert of_samples(replace(motion, q=q)) == []
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("step", [0.01, 0.001, 0.0001])
+def test_counts_that_repeat_are_no_lost_samples(rate_hz: float, step: float) -> None:
+    motion = swing(noise=0.0, rate_hz=rate_hz)
+    assert of_samples(replace(motion, q=np.rint(motion.q / step) * step)) == []
+
+
+@pytest.mark.parametrize(("size", "share"), [(0.05, 1.0), (20.0, 5.0**-0.5)])
+def test_means_of_counts_are_no_better_where_the_motion_stays_within_one(size: float, share: float) -> None:
+    """The noise is that of the counts, 1 / sqrt(12), unless each sample is another count."""
+    motion = swing(noise=0.0, rate_hz=1000.0, start=(size * 60.0,))
+    counted = average_samples(replace(motion, q=np.rint(motion.q)), 5, held=False)
+    sigma = measure_noise([counted], period_s=PERIOD_S).sigma[0]
+    assert sigma == pytest.approx(share / np.sqrt(12.0), rel=0.1)
+
+
+@pytest.mark.parametrize(("input_s", "told"), [(1.5, []), (12.0, ["quasi-static"])])
+def test_a_motion_far_below_the_natural_frequency_is_quasi_static(input_s: float, told: list[str]) -> None:
+    drive = np.sin(2.0 * np.pi * np.arange(3600) / 60.0 / input_s)
+    motion = swing(seconds=60.0, damping=0.3, start=(0.0,), drive=drive)
+    assert [finding.check for finding in check_slowness([motion], period_s=PERIOD_S)] == told
+    assert check_slowness([motion], period_s=None) == []
 
 
 def test_steps_count_only_when_they_are_coarse() -> None:

@@ -40,7 +40,7 @@ def test_windows_never_cross_a_cut_and_leave_no_frame_of_a_long_clip_out(
 ) -> None:
     whole = evenly_sampled_dataset(lengths)
     if max(lengths) < least:
-        with pytest.raises(ValueError, match=f"no clip has {least} frames"):
+        with pytest.raises(ValueError, match=f"no clip has {least} samples"):
             cut_windows(whole, length_s=length_s, min_frames=least)
         return
     windows = cut_windows(whole, length_s=length_s, min_frames=least)

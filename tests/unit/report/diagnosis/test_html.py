@@ -124,7 +124,7 @@ def test_noise_is_told_by_coordinate(full):
 
 def test_an_unknown_place_is_said(tmp_path):
     page = render_report(KINDS["undetermined"], ReportContent())
-    assert "level, coordinates, time, frequency, state region, image region, components" in page
+    assert "level, coordinates, time, frequency, state region, components" in page
     assert "the recording lasts only 1.4 periods" in page
 
 

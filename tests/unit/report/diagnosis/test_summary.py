@@ -97,7 +97,7 @@ def test_what_is_undecided_is_not_named():
 
 def test_likely_below_four_fifths():
     assert "The likely cause is clocks" in write_summary(KINDS["observation"])
-    assert "camera or timing" in write_summary(KINDS["observation"])
+    assert "sensor or its clock" in write_summary(KINDS["observation"])
 
 
 def test_a_parameter_change():
