@@ -142,16 +142,21 @@ def diagnose(
 def is_material(chosen: HypothesisFit, holdout: HoldoutForecasts, least: float) -> bool:
     """Whether effects shrink the held-out gap by a share of at least ``least`` beyond what a refit does.
 
-    The lower end of the share's 95 % interval counts. Effects on single samples show in no forecast and are
+    The 95 % interval of the share must exclude zero. Effects on single samples show in no forecast and are
     material whenever they are probable.
     """
-    low = holdout.beyond_refit.low
-    return chosen.moves_samples or (low is not None and low >= least)
+    share = holdout.beyond_refit
+    assert share.value is not None
+    assert share.low is not None
+    return chosen.moves_samples or (share.value >= least and share.low > 0.0)
 
 
 def is_open(holdout: HoldoutForecasts) -> bool:
-    """Whether a gap is left that neither noise nor chance explains."""
-    return holdout.refit_over_floor.low is not None and holdout.refit_over_floor.low > VERDICT.open_gap
+    """Whether a refit leaves `VERDICT.open_gap` times the floor or more, and by no chance of the blocks."""
+    ratio = holdout.refit_over_floor
+    assert ratio.value is not None
+    assert ratio.low is not None
+    return ratio.value >= VERDICT.open_gap and ratio.low > 1.0
 
 
 def _measure_fits(sim: EstimatedSimulator, search: EffectSearch, judgement: Judgement) -> dict[str, Any]:

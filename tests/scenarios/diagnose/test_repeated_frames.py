@@ -5,15 +5,9 @@ import pytest
 
 from lagsplat.diagnose.data_quality.discontinuities import cut_jumps, find_repeated_samples
 from lagsplat.diagnose.diagnosis import diagnose
-from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.model_selection import ModelRanking
-from lagsplat.diagnose.inference.placement import measure_largest_motion_scales
-from lagsplat.diagnose.inference.posterior import assess_implausibility
-from lagsplat.diagnose.inference.problem import HypothesisFit
 from lagsplat.io.trajectory.trajectory import Trajectory
-from tests.unit.diagnose.toys import contest, film, oscillator, settings, wave
+from tests.unit.diagnose.toys import film, oscillator, settings, wave
 
 SIGMA = 0.005
 RUNS = ((61, 66), (140, 148), (262, 270), (390, 396))
@@ -81,11 +75,3 @@ def test_where_repeats_are_many_those_about_a_turn_are_found_too() -> None:
     assert found.candidates[0].parameters["count"].value == pytest.approx(int(late.sum()), rel=0.3)
     assert found.gap is not None
     assert found.gap.after < 0.2 * found.gap.before
-
-
-def test_what_only_moves_single_samples_is_not_doubted() -> None:
-    one = contest([film(u=wave(5), noise=SIGMA, seconds=8.0)])
-    none = HypothesisFit((), one.fit((), np.zeros(one.rollout_model.nuisance.size)))
-    drops = PlacedEffect(catalogue()["frame_drops"], measure_largest_motion_scales(one.rollout_model))
-    said = HypothesisFit((drops,), none.fit, noise={"count": (3.0, 0.0, 6.0)})
-    assert assess_implausibility(one, ModelRanking(none, (), 2.0), said, nominal=1.0).chance == 0.0

@@ -1,0 +1,34 @@
+"""When an effect matters, and when a gap is left open."""
+
+import numpy as np
+import pytest
+
+from lagsplat.diagnose.core.result import Gap, Interval
+from lagsplat.diagnose.diagnosis import is_material, is_open
+from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.inference.holdout import HoldoutForecasts
+from tests.unit.diagnose.verdict.made_alternatives import FIT
+
+NOTHING = Interval(None, None, None)
+
+
+def forecasts(share: Interval = NOTHING, ratio: Interval = NOTHING) -> HoldoutForecasts:
+    gap = Gap(before=1.0, refit=0.9, after=0.5, floor=0.4, horizon_s=1.0, closure=NOTHING)
+    return HoldoutForecasts(gap, (), np.ones(3), np.ones(3), share, ratio)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "material"),
+    [(0.3, 0.1, True), (0.3, -0.1, False), (0.04, 0.03, False), (0.05, 0.01, True)],
+)
+def test_an_effect_matters_if_it_closes_a_share_and_not_by_chance(value, low, material) -> None:
+    assert is_material(FIT, forecasts(share=Interval(value, low, 0.5)), 0.05) is material
+
+
+@pytest.mark.parametrize(("value", "low", "left"), [(2.0, 1.5, True), (2.0, 0.9, False), (1.2, 1.1, False)])
+def test_a_gap_is_open_where_a_refit_stays_above_the_floor(value, low, left) -> None:
+    assert is_open(forecasts(ratio=Interval(value, low, 3.0))) is left
+
+
+def test_no_effect_of_the_catalogue_has_a_prior_of_its_own() -> None:
+    assert not any(hasattr(effect, "log_prior_penalty") for effect in catalogue().values())
