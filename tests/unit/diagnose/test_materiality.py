@@ -5,7 +5,6 @@ import pytest
 
 from lagsplat.diagnose.core.result import Gap, Interval
 from lagsplat.diagnose.diagnosis import is_material, is_open
-from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts
 from tests.unit.diagnose.verdict.made_alternatives import FIT
 
@@ -28,7 +27,3 @@ def test_an_effect_matters_if_it_closes_a_share_and_not_by_chance(value, low, ma
 @pytest.mark.parametrize(("value", "low", "left"), [(2.0, 1.5, True), (2.0, 0.9, False), (1.2, 1.1, False)])
 def test_a_gap_is_open_where_a_refit_stays_above_the_floor(value, low, left) -> None:
     assert is_open(forecasts(ratio=Interval(value, low, 3.0))) is left
-
-
-def test_no_effect_of_the_catalogue_has_a_prior_of_its_own() -> None:
-    assert not any(hasattr(effect, "log_prior_penalty") for effect in catalogue().values())
