@@ -77,9 +77,6 @@ def test_it_is_in_the_catalogue(ratchet: Effect) -> None:
     assert names.index("quadratic_drag") < names.index("ratchet") < names.index("input_lag")
 
 
-def test_it_may_be_confused_both_ways(ratchet: Effect) -> None:
-
-
 def test_a_recording_is_graded_for_it(ratchet: Effect) -> None:
     motion = swing(seconds=20.0)
     noise = measure_noise([motion], period_s=PERIOD_S)
