@@ -32,8 +32,8 @@ from lagsplat.pipelines.diagnosis import look_further, run_diagnosis
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 EFFECTS = (
-    "coulomb_friction", "input_dead_zone", "mass_change", "linear_stiffness", "input_lag", "input_delay",
-    "viscous_damping", "quadratic_drag", "cubic_stiffness", "input_gain",
+    "mass_change", "input_lag", "viscous_damping", "linear_stiffness", "input_delay", "quadratic_drag",
+    "coulomb_friction", "input_gain", "creep", "hysteresis",
 )  # fmt: skip
 SYSTEMS = ("pendulum", "rocker", "duffing_cart", "linear_cart")
 SAME = {
@@ -49,7 +49,7 @@ CERTAIN = 0.9
 def draw_case(effect: str, seed: int) -> tuple[TrueMechanism, float]:
     """A mechanism with an effect, and its noise, recorded for a few periods of a single sine."""
     rng = np.random.default_rng([seed, EFFECTS.index(effect)])
-    ratio, noise = float(np.exp(rng.uniform(np.log(1.6), np.log(4.0)))), float(rng.choice([0.01, 0.02]))
+    ratio, noise = float(np.exp(rng.uniform(np.log(2.0), np.log(8.0)))), float(rng.choice([0.01, 0.02]))
     how = Conditions(60.0, Sensor(), (ratio,), tolerance=1.0, sine=True)
     system = str(rng.choice(SYSTEMS))
     stratum = Stratum((effect,), system, forced=True, noise=noise, duration_s=8.0, bin="low", conditions=how)

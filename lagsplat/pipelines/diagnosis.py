@@ -103,7 +103,7 @@ def run_diagnosis(
 
 def look_further(inputs: DiagnosisInputs, run: DiagnosisRun, config: DiagnoseConfig) -> DiagnosisRun:
     """Add what needs a verdict first: whether each file agrees with it, and what to record next."""
-    files, diagnosis = _check_files(inputs, run), run.diagnosis
+    files, diagnosis = _check_files(inputs, run, config), run.diagnosis
     odd = [
         f"{each.file} disagrees with the other files: {each.disagrees}" for each in files if each.disagrees
     ]
@@ -116,16 +116,23 @@ def look_further(inputs: DiagnosisInputs, run: DiagnosisRun, config: DiagnoseCon
     return replace(run, diagnosis=diagnosis)
 
 
-def _check_files(inputs: DiagnosisInputs, run: DiagnosisRun) -> tuple[FileAgreement, ...]:
+def _check_files(
+    inputs: DiagnosisInputs, run: DiagnosisRun, config: DiagnoseConfig
+) -> tuple[FileAgreement, ...]:
     """Whether the explanation of all files holds in each; where nothing is named, the nearest one."""
     best = [run.ranking.best_fit(each.name) for each in run.diagnosis.candidates]
     effects = [fit for fit in best if fit is not None and not fit.moves_samples]
     unknown = not run.chosen.effects and run.diagnosis.verdict == "unknown" and effects
     chosen = effects[0] if unknown else run.chosen
     rivals = [fit for fit in (run.ranking.none, *effects[:MAX_RIVALS]) if fit is not chosen]
-    given = (inputs.sim.original or inputs.sim).model
-    inflation = run.ranking.noise_inflation
-    return check_files(run.problem, chosen, rivals, given=given, noise_inflation=inflation)
+    return check_files(
+        run.problem,
+        chosen,
+        rivals,
+        given=(inputs.sim.original or inputs.sim).model,
+        noise_inflation=run.ranking.noise_inflation,
+        materiality=config.materiality,
+    )
 
 
 def _plan_next(inputs: DiagnosisInputs, run: DiagnosisRun, config: DiagnoseConfig) -> NextExperiments | None:

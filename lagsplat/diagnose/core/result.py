@@ -136,7 +136,7 @@ class Suggestion:
     repeats: int  # recordings that decide
     coordinate: str  # where both differ most, and when
     time_s: float
-    expected: Mapping[str, float]  # its value then, by the name of each hypothesis
+    expected: tuple[float, float]  # its value then, by either hypothesis
     start: Mapping[str, float]  # coordinates where it starts, at rest
     input: Mapping[str, Any] = field(default_factory=dict)
     """Times ``t`` [s] and inputs by name, (N,) each; written to a table of its own."""

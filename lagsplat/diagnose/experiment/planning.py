@@ -31,14 +31,35 @@ class LeadingPair:
     noise_inflation: float  # factor on the noise variance [1]
     window_s: float  # length of the windows that a diagnosis of the experiment would have [s]
 
-    def compare(
-        self, experiment: Experiment, truths: Sequence[FittedHypothesis] | None = None
+    def separate(self, truth: FittedHypothesis, rival: int, experiment: Experiment) -> Separation:
+        """The separation of a hypothesis from one of the two fits, by its number."""
+        return compute_separation(
+            self.problem,
+            truth,
+            self.fits[rival],
+            experiment,
+            noise_inflation=self.noise_inflation,
+            window_s=self.window_s,
+        )
+
+    def compare(self, experiment: Experiment) -> tuple[Separation, Separation]:
+        """The separation of either fit from the other one."""
+        return self.separate(self.fits[0], 1, experiment), self.separate(self.fits[1], 0, experiment)
+
+    def compare_draws(
+        self, experiment: Experiment, rng: np.random.Generator
     ) -> tuple[Separation, Separation]:
-        """The separation of each hypothesis, by default as fitted, from the other one."""
-        both = zip(truths or self.fits, self.fits[::-1], strict=True)
-        how: dict[str, float] = {"noise_inflation": self.noise_inflation, "window_s": self.window_s}
-        first, second = (compute_separation(self.problem, a, b, experiment, **how) for a, b in both)
-        return first, second
+        """The same for parameters drawn from both fits.
+
+        A draw that is off the fit costs its own hypothesis something as well, which is subtracted.
+        """
+        out = []
+        for number, fit in enumerate(self.fits):
+            drawn = fit.draw(rng, make_joint_prior(fit.effects, self.problem.rollout_model).lowest)
+            own = self.separate(drawn, number, experiment)
+            away = self.separate(drawn, 1 - number, experiment)
+            out.append(replace(away, nats=away.nats - own.nats))
+        return out[0], out[1]
 
     def stays_in_range(self, experiment: Experiment) -> bool:
         """Whether the motion stays in the visited range, whichever hypothesis is true."""
@@ -102,7 +123,7 @@ def plan_experiments(
 def _name_hypothesis(hypothesis: FittedHypothesis) -> str:
     if not hypothesis.effects:
         return "the simulation alone"
-    places = {effect.location for effect in hypothesis.effects} - {None}
+    places = {effect.location for effect in hypothesis.effects if effect.location}
     name = " with ".join(short_title(name) for name in hypothesis.names)
     return f"{name} ({', '.join(sorted(places))})" if places else name
 
@@ -112,15 +133,11 @@ def _suggest(
 ) -> Suggestion:
     """One experiment with its separation over draws of both hypotheses' parameters."""
     problem, names = pair.problem, pair.names
-    lowest = [make_joint_prior(h.effects, problem.rollout_model).lowest for h in pair.fits]
-    rows = [pair.compare(experiment)]
-    for seed in range(EXPERIMENT.draws):
-        rng = np.random.default_rng(seed)
-        drawn = [h.draw(rng, least) for h, least in zip(pair.fits, lowest, strict=True)]
-        rows.append(pair.compare(experiment, drawn))
+    draws = (pair.compare_draws(experiment, np.random.default_rng(k)) for k in range(EXPERIMENT.draws))
+    rows = [pair.compare(experiment), *draws]
     nats = [0.5 * (one.nats + other.nats) for one, other in rows]
     seen, at = max(((row[i], i) for row in rows for i in (0, 1)), key=lambda pick: pick[0].nats)
-    expected = seen.expected[:: -1 if at else 1]
+    own, other = seen.expected
     mean = float(np.mean(nats))
     repeats = max(1, ceil(EXPERIMENT.decisive / max(mean, 1e-9)))
     suggestion = Suggestion(
@@ -133,7 +150,7 @@ def _suggest(
         repeats=repeats,
         coordinate=q_names[seen.coordinate],
         time_s=seen.time_s,
-        expected=dict(zip(names, expected, strict=True)),
+        expected=(other, own) if at else (own, other),
         start={
             name: float(q) if abs(q) > sigma else 0.0
             for name, q, sigma in zip(q_names, experiment.start, problem.sigma, strict=True)
@@ -154,7 +171,7 @@ def _describe(each: Suggestion, experiment: Experiment, names: tuple[str, ...], 
         load = f", which adds {experiment.payload:.0%} to the inertia" if experiment.payload else ""
         what = f"{experiment.what}{load}, at {pose}"
     again = f", {each.repeats} times over" if each.repeats > 1 else ""
-    first, second = each.expected.values()
+    first, second = each.expected
     return (
         f"Record {what}, for {each.duration_s:.3g} s{again}: one such recording is expected to separate "
         f"{names[0]} from {names[1]} by {each.nats:.3g} nats (from {each.low:.2g} to {each.high:.2g} by the "

@@ -40,7 +40,9 @@ class FittedHypothesis:
         """
         prior, fit = make_joint_prior(hypothesis.fitted, problem.rollout_model), hypothesis.fit
         precision = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
-        effects, kept, at = [], [], 0
+        effects: list[PlacedEffect] = []
+        kept: list[int] = []
+        at = 0
         for placed in (part for each in hypothesis.fitted for part in each.parts or (each,)):
             effect = placed.effect
             if isinstance(effect, ForceEffect):

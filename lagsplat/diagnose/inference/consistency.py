@@ -1,7 +1,8 @@
 """Several recordings of one mechanism: whether the cause that was found in all of them holds in each.
 
-Each file in turn is left out: the effects are fitted to the others and forecast it. Where parameters of its
-own explain a file decisively better than shared ones, or another effect does, the file disagrees.
+Each file in turn is left out: the effects are fitted to the others and forecast it. A file disagrees where
+parameters of its own, or another effect, explain it decisively better and close a material share of its gap.
+Laws are approximate, so that among many samples the evidence alone would find every file different.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,12 @@ from lagsplat.diagnose.core.config import EXPERIMENT, ROBUSTNESS
 from lagsplat.diagnose.core.result import FileAgreement
 from lagsplat.diagnose.effects.registry import find_confusable, short_title
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
-from lagsplat.diagnose.inference.holdout import HeldOutBlocks, forecast_blocks, keep_plausible
+from lagsplat.diagnose.inference.holdout import (
+    HeldOutBlocks,
+    HeldOutForecast,
+    forecast_blocks,
+    keep_plausible,
+)
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_log_evidence
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
@@ -26,6 +32,7 @@ def check_files(
     *,
     given: MechanicalModel,
     noise_inflation: float,
+    materiality: float,
 ) -> tuple[FileAgreement, ...]:
     """Compare every file with the others; empty where less than two can be.
 
@@ -35,6 +42,7 @@ def check_files(
         rivals: other explanations, `none` among them, that a file may prefer.
         given: the sim as given.
         noise_inflation: factor on the noise variance at which evidence counts.
+        materiality: share of a file's gap that what is different in it must close.
     """
     home, record = locate_files(problem.windows, problem.dataset), problem.dataset
     if len(np.unique(home)) < 2:
@@ -49,26 +57,29 @@ def check_files(
             held_out = HeldOutBlocks(problem, (others, own.windows))
         except ValueError:  # not one natural period
             continue
-        x = keep_plausible(others, chosen, rest.fit.x)
-        forecast = forecast_blocks(problem, held_out.blocks, chosen.effects, x)
-        before, after = held_out.forecast_given(given), held_out.measure(forecast, chosen)
-        by_name = {_name(fit): _refit(own, fit, inside) for fit in (chosen, *rivals)}
-        evidence = {name: _weigh(own, fit, noise_inflation) for name, fit in by_name.items()}
-        shared = evidence[_name(chosen)]
-        own_lead = shared + _weigh(others, rest, noise_inflation) - whole
-        name = max(evidence, key=lambda each: evidence[each])
-        rows.append(
-            FileAgreement(
-                file=record.files[number],
-                before=float(np.sqrt(before.squares.mean())),
-                after=float(np.sqrt(after.squares.mean())),
-                floor=float(np.sqrt(after.floor.mean())),
-                blocks=len(held_out.real),
-                own_lead=own_lead,
-                name=name if evidence[name] - shared >= EXPERIMENT.decisive else _name(chosen),
-                disagrees=_explain(chosen, by_name, evidence, own_lead),
-            )
-        )
+
+        def forecast(part: EstimationProblem, fit: HypothesisFit, blocks: HeldOutBlocks) -> HeldOutForecast:
+            x = keep_plausible(part, fit, fit.fit.x)
+            return blocks.measure(forecast_blocks(problem, blocks.blocks, fit.effects, x), fit)
+
+        before, after = held_out.forecast_given(given), forecast(others, rest, held_out)
+        fits = {_name(fit): _refit(own, fit, inside) for fit in (chosen, *rivals)}
+        evidence = {name: _weigh(own, fit, noise_inflation) for name, fit in fits.items()}
+        usual, best = _name(chosen), max(evidence, key=lambda each: evidence[each])
+        own_lead = evidence[usual] + _weigh(others, rest, noise_inflation) - whole
+        material = materiality * before.rms_error
+        here = forecast(own, fits[usual], held_out).rms_error
+        other = forecast(own, fits[best], held_out).rms_error
+        ahead = evidence[best] - evidence[usual]
+        text = ""
+        if ahead >= EXPERIMENT.decisive and here - other > material and best not in find_confusable(usual):
+            text = f"another cause: {short_title(best)} explains it better by {ahead:.3g} nats"
+        elif own_lead >= EXPERIMENT.decisive and after.rms_error - here > material:
+            text = _describe_state(chosen, fits[usual])
+        floor = float(np.sqrt(after.floor.mean()))
+        name = best if text and best != usual else usual
+        file, errors = record.files[number], (before.rms_error, after.rms_error, floor)
+        rows.append(FileAgreement(file, *errors, len(held_out.real), own_lead, name, text))
     return tuple(rows) if len(rows) > 1 else ()
 
 
@@ -97,23 +108,11 @@ def _name(hypothesis: HypothesisFit) -> str:
     return " and ".join(placed.effect.name for placed in hypothesis.effects) or "none"
 
 
-def _explain(
-    chosen: HypothesisFit,
-    fits: dict[str, HypothesisFit],
-    evidence: dict[str, float],
-    own_lead: float,
-) -> str:
-    """Why a file disagrees, from fits to it alone; empty where it does not."""
-    usual = _name(chosen)
-    best = max(evidence, key=lambda each: evidence[each])
-    ahead = evidence[best] - evidence[usual]
-    if ahead >= EXPERIMENT.decisive and best not in find_confusable(usual):
-        return f"another cause: {short_title(best)} explains it better by {ahead:.3g} nats"
-    if own_lead < EXPERIMENT.decisive:
-        return ""
+def _describe_state(chosen: HypothesisFit, here: HypothesisFit) -> str:
+    """The parameters of a file alone beside those of all."""
     changes = []
     for placed in chosen.fitted:
-        here, there = (fit.name_parameters(placed) for fit in (fits[usual], chosen))
-        changes += [f"{name} {here[name]:.3g} instead of {there[name]:.3g}" for name in there]
-    what = "; ".join(change for change in changes if not change.startswith("memory"))
+        own, shared = (fit.name_parameters(placed) for fit in (here, chosen))
+        changes += [f"{name} {own[name]:.3g} instead of {shared[name]:.3g}" for name in shared]
+    what = "; ".join(change for change in changes if not change.startswith("memory "))
     return f"another state of the mechanism: {what or 'the simulation needs other parameters'}"

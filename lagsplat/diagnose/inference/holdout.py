@@ -141,6 +141,11 @@ class HeldOutForecast:
     squares: Float64[np.ndarray, " B"]  # of the errors, at most `HOLDOUT.most_error` squared
     floor: Float64[np.ndarray, " B"]  # expected of a true law, from the noise
 
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of all errors [rms of each coordinate]."""
+        return float(np.sqrt(self.squares.mean()))
+
 
 def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, " k"]:
     """Parameters of a hypothesis, fitted to the half of the windows that is not held out.
