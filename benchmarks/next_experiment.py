@@ -3,9 +3,10 @@
 Usage: ``python -m benchmarks.next_experiment --cases 20 --out FILE``. Each case is a mechanism with one
 coordinate and one effect that has rivals, driven by a single sine, whose diagnosis is undecided: the true
 effect has a probability below 0.9 and leads all others by less than 5 nats of log evidence. Then the true
-mechanism is recorded once more, and both files are diagnosed together. The second recording is the suggestion
-of the diagnosis, a random excitation of equal length and reach (`benchmarks/gapgen/inputs.py`), or the first
-one's sine again. ``FILE`` gets one line of JSON a case and is continued; the table is printed.
+mechanism is recorded once more, as often as the first suggestion says, and all files are diagnosed together.
+The new recordings are that suggestion, or random excitations of equal length that reach the largest recorded
+input (`benchmarks/gapgen/inputs.py`). The leaders are the two hypotheses that the experiment was planned for.
+``FILE`` gets one line of JSON a case and is continued; the table is printed.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import json
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from lagsplat.config.compose import compose
 from lagsplat.diagnose.core.config import EXPERIMENT
 from lagsplat.diagnose.core.result import Suggestion
 from lagsplat.diagnose.diagnosis import DiagnosisRun
+from lagsplat.diagnose.experiment.planning import select_leaders
 from lagsplat.pipelines.diagnosis import look_further, run_diagnosis
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
@@ -71,16 +74,26 @@ def diagnose(
         return look_further(inputs, run, config) if further else run
 
 
-def judge(run: DiagnosisRun, effect: str) -> dict[str, Any]:
-    """Probability of the true name, its lead in log evidence over all others, and whether that decides."""
+def judge(run: DiagnosisRun, effect: str, leaders: Sequence[str] = ()) -> dict[str, Any]:
+    """What a diagnosis says of the true effect.
+
+    Its probability, its lead in log evidence over all others [nat], and, where it is one of two ``leaders``,
+    that over the other one; these are separated by a probability or a lead that is large enough.
+    """
     right = {effect} | SAME.get(effect, set())
     chance = sum(c.probability for c in run.diagnosis.candidates if c.name in right)
-    own = [fit.log_evidence for fit in run.ranking.found if fit.name in right]
-    others = [0.0, *(fit.log_evidence for fit in run.ranking.found if fit.name not in right)]
-    lead = float(max(own, default=-np.inf) - max(others))
-    first = run.diagnosis.candidates[0].name
-    decided = chance > CERTAIN or lead > EXPERIMENT.decisive
-    return {"first": first, "probability": float(chance), "lead": lead, "decided": bool(decided)}
+    evidence = {"none": 0.0}
+    for fit in run.ranking.found:
+        evidence.setdefault(fit.name, fit.log_evidence)
+    best = max((evidence[name] for name in right if name in evidence), default=-np.inf)
+    lead = float(best - max(value for name, value in evidence.items() if name not in right))
+    others = [evidence.get(name, -np.inf) for name in leaders if name not in right]
+    pair_lead = float(best - others[0]) if len(others) == 1 and np.isfinite(others[0]) else None
+    row = {"first": run.diagnosis.candidates[0].name, "probability": float(chance), "lead": lead}
+    row["decided"] = bool(chance > CERTAIN or lead > EXPERIMENT.decisive)
+    row["pair_lead"] = pair_lead
+    row["separated"] = bool(chance > CERTAIN or (pair_lead or 0.0) > EXPERIMENT.decisive)
+    return row
 
 
 def play_arm(
@@ -110,7 +123,8 @@ def run_case(effect: str, seed: int) -> dict[str, Any]:
         run = diagnose(Path(folder), [real], sims, further=True)
         row |= {"before": judge(run, effect), "verdict": run.diagnosis.verdict}
         planned = run.diagnosis.next_experiments
-        row["between"] = list(planned.between) if planned else []
+        fits = select_leaders(run.diagnosis.candidates, run.ranking, run.chosen)
+        row["between"] = ["+".join(e.effect.name for e in fit.effects) or "none" for fit in fits]
         if row["before"]["decided"]:
             return row
         playable = [each for each in planned.suggestions if each.kind != "payload"] if planned else []
@@ -121,31 +135,38 @@ def run_case(effect: str, seed: int) -> dict[str, Any]:
             try:
                 rng = np.random.default_rng([seed, ARMS.index(arm)])
                 more = [play_arm(arm, world, playable[0], rng) for _ in range(playable[0].repeats)]
-                row[arm] = judge(diagnose(Path(folder), [real, *more], sims), effect)
+                found = diagnose(Path(folder), [real, *more], sims)
+                row[arm] = judge(found, effect, row["between"])
             except (FloatingPointError, ValueError) as error:
-                row[arm] = {"decided": False, "error": str(error)}
+                row[arm] = {"decided": False, "separated": False, "error": str(error)}
     return row
 
 
 def format_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Shares of undecided cases that each second recording decides, with Wilson's 95 % intervals."""
+    """Shares of undecided cases that the new recordings decide, with Wilson's 95 % intervals."""
     tried = [row for row in rows if not row["before"]["decided"]]
     answered = [row for row in tried if row["suggestion"]]
+    between = [row for row in answered if {row["effect"], *SAME.get(row["effect"], ())} & {*row["between"]}]
     lines = [
-        f"{len(rows)} cases, {len(tried)} undecided at first, {len(answered)} of these with a suggestion",
-        "| second recording | decided | share [95 %] | right name first | median lead (nat) |",
+        f"{len(rows)} cases, {len(tried)} undecided at first, {len(answered)} of these with a suggestion; "
+        f"the true effect was one of the two leaders in {len(between)}",
+        "| new recordings | true leader separated from the other | from all others | its name first | "
+        "median lead over the other (nat) |",
         "|---|---|---|---|---|",
     ]
-    for arm in ARMS if answered else ():
-        n = sum(row[arm]["decided"] for row in answered)
-        share, low, high = wilson(n, len(answered))
-        named = sum(
+    for arm in ARMS if between else ():
+
+        def share(hits: Sequence[bool]) -> str:
+            value, low, high = wilson(sum(hits), len(hits))
+            return f"{sum(hits)}/{len(hits)}, {value:.2f} [{low:.2f}, {high:.2f}]"
+
+        first = [
             row[arm].get("first") in {row["effect"]} | SAME.get(row["effect"], set()) for row in answered
-        )
-        lead = np.median([row[arm].get("lead", np.nan) for row in answered])
-        lines.append(
-            f"| {arm} | {n}/{len(answered)} | {share:.2f} [{low:.2f}, {high:.2f}] | {named} | {lead:.1f} |"
-        )
+        ]
+        leads = [row[arm]["pair_lead"] for row in between if row[arm].get("pair_lead") is not None]
+        cells = [share([row[arm]["separated"] for row in between])]
+        cells += [share([row[arm]["decided"] for row in answered]), share(first)]
+        lines.append(f"| {arm} | {' | '.join(cells)} | {np.median(leads):.1f} |")
     return "\n".join(lines)
 
 
@@ -158,9 +179,13 @@ def main(argv: list[str] | None = None) -> None:
     args = parser.parse_args(argv)
     lines = args.out.read_text(encoding="utf-8").splitlines() if args.out.exists() else []
     rows = [json.loads(line) for line in lines]
-    while sum(bool(row.get("suggestion")) for row in rows) < args.cases:
-        seed, kind = divmod(len(rows), len(EFFECTS))
-        rows.append(run_case(EFFECTS[kind], seed))
+    known = {(row["effect"], row["seed"]) for row in rows}
+    for seed, effect in ((seed, effect) for seed in count() for effect in EFFECTS):
+        if sum(bool(row.get("suggestion")) for row in rows) >= args.cases:
+            break
+        if (effect, seed) in known:
+            continue
+        rows.append(run_case(effect, seed))
         with args.out.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(rows[-1]) + "\n")
     print(format_table(rows))

@@ -118,7 +118,7 @@ class FileAgreement:
     after: float
     floor: float
     blocks: int  # number of forecasts
-    own_lead: float  # log evidence of parameters of its own over shared ones [nat]
+    own_lead: float | None  # log evidence of parameters of its own over shared ones [nat]; None if undefined
     name: str  # the best explanation of this file alone, where it is decisively better than the common one
     disagrees: str = ""  # what is different in this file; empty where it agrees
 

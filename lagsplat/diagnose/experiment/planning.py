@@ -31,7 +31,9 @@ class LeadingPair:
     noise_inflation: float  # factor on the noise variance [1]
     window_s: float  # length of the windows that a diagnosis of the experiment would have [s]
 
-    def separate(self, truth: FittedHypothesis, rival: int, experiment: Experiment) -> Separation:
+    def separate(
+        self, truth: FittedHypothesis, rival: int, experiment: Experiment, *, refit_steps: int
+    ) -> Separation:
         """The separation of a hypothesis from one of the two fits, by its number."""
         return compute_separation(
             self.problem,
@@ -40,11 +42,16 @@ class LeadingPair:
             experiment,
             noise_inflation=self.noise_inflation,
             window_s=self.window_s,
+            refit_steps=refit_steps,
         )
 
-    def compare(self, experiment: Experiment) -> tuple[Separation, Separation]:
+    def compare(self, experiment: Experiment, *, refit_steps: int) -> tuple[Separation, Separation]:
         """The separation of either fit from the other one."""
-        return self.separate(self.fits[0], 1, experiment), self.separate(self.fits[1], 0, experiment)
+        first, second = (
+            self.separate(fit, 1 - number, experiment, refit_steps=refit_steps)
+            for number, fit in enumerate(self.fits)
+        )
+        return first, second
 
     def compare_draws(
         self, experiment: Experiment, rng: np.random.Generator
@@ -56,8 +63,10 @@ class LeadingPair:
         out = []
         for number, fit in enumerate(self.fits):
             drawn = fit.draw(rng, make_joint_prior(fit.effects, self.problem.rollout_model).lowest)
-            own = self.separate(drawn, number, experiment)
-            away = self.separate(drawn, 1 - number, experiment)
+            own, away = (
+                self.separate(drawn, rival, experiment, refit_steps=EXPERIMENT.refit_steps)
+                for rival in (number, 1 - number)
+            )
             out.append(replace(away, nats=away.nats - own.nats))
         return out[0], out[1]
 
@@ -80,7 +89,8 @@ def select_leaders(
     leaders: list[HypothesisFit] = []
     for name in (candidate.name for candidate in candidates if candidate.probability > 0.0):
         fit = ranking.none if name == "none" else chosen if name in together else ranking.best_fit(name)
-        if fit is not None and not any(fit is other for other in leaders):
+        usable = fit is not None and np.isfinite(fit.fit.curvature).all()
+        if fit is not None and usable and not any(fit is other for other in leaders):
             leaders.append(fit)
         if len(leaders) == 2:
             break
@@ -98,8 +108,9 @@ def plan_experiments(
 ) -> NextExperiments:
     """Suggest at most `EXPERIMENT.suggestions` experiments that separate the two ``leaders``.
 
-    Of each kind the best is taken, by its separation per second with the parameters as fitted, either
-    hypothesis being true; the best kinds are then judged with parameters drawn from both fits. ``window_s``
+    Of each kind the best is taken, by its separation per second with the parameters as fitted and a linear
+    refit, either hypothesis being true; the best kinds are then judged by a few steps of a refit, with
+    parameters drawn from both fits. ``window_s``
     is the length of the windows [s] that a diagnosis of a new recording would have.
     """
     first, second = (FittedHypothesis.of(problem, fit, noise_inflation=noise_inflation) for fit in leaders)
@@ -110,7 +121,7 @@ def plan_experiments(
     model, record = problem.rollout_model.model, problem.dataset
     for versions in propose_experiments(model, record, period_s=problem.period_s, channels=channels):
         for experiment in islice(filter(pair.stays_in_range, versions), EXPERIMENT.versions):
-            rate = sum(each.nats for each in pair.compare(experiment)) / experiment.duration_s
+            rate = sum(each.nats for each in pair.compare(experiment, refit_steps=1)) / experiment.duration_s
             if experiment.kind not in best or rate > best[experiment.kind][0]:
                 best[experiment.kind] = rate, experiment
     rated = [experiment for _, experiment in sorted(best.values(), key=lambda row: -row[0])]
@@ -134,7 +145,7 @@ def _suggest(
     """One experiment with its separation over draws of both hypotheses' parameters."""
     problem, names = pair.problem, pair.names
     draws = (pair.compare_draws(experiment, np.random.default_rng(k)) for k in range(EXPERIMENT.draws))
-    rows = [pair.compare(experiment), *draws]
+    rows = [pair.compare(experiment, refit_steps=EXPERIMENT.refit_steps), *draws]
     nats = [0.5 * (one.nats + other.nats) for one, other in rows]
     seen, at = max(((row[i], i) for row in rows for i in (0, 1)), key=lambda pick: pick[0].nats)
     own, other = seen.expected

@@ -17,7 +17,7 @@ from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import FILE_BREAK_S, Dataset, cut_windows
 from lagsplat.diagnose.estimation.rollout import RolloutModel
-from lagsplat.diagnose.experiment.candidates import Experiment
+from lagsplat.diagnose.experiment.candidates import Experiment, RecordedRange
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, make_joint_prior
 
 
@@ -53,6 +53,13 @@ class FittedHypothesis:
         index = [*kept, *range(at, len(fit.x))]
         names = tuple(placed.effect.name for placed in hypothesis.effects)
         return cls(names, tuple(effects), fit.x[index], np.linalg.pinv(precision)[np.ix_(index, index)])
+
+    @property
+    def precision(self) -> Float64[np.ndarray, "k k"]:
+        """Inverse of the covariance, by way of the correlations: deviations differ by powers of ten."""
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), np.finfo(float).tiny))
+        scale = np.outer(deviation, deviation)
+        return np.linalg.pinv(self.covariance / scale, hermitian=True) / scale
 
     def draw(self, rng: np.random.Generator, lowest: np.ndarray) -> "FittedHypothesis":
         """The same with parameters drawn from their distribution, at least ``lowest`` (k,)."""
@@ -104,15 +111,16 @@ def compute_separation(
     *,
     noise_inflation: float,
     window_s: float,
+    refit_steps: int = EXPERIMENT.refit_steps,
 ) -> Separation:
     """The expected log Bayes factor of ``truth`` over ``rival`` by an experiment.
 
     The rival fits its parameters, near those of the recordings so far, and the states where windows begin,
-    by `EXPERIMENT.refit_steps` Gauss-Newton steps. Windows last about ``window_s``. It is zero where a motion
-    diverges.
+    by ``refit_steps`` Gauss-Newton steps. Windows last about ``window_s``. It is zero where the motion
+    leaves the visited range or diverges: parameters drawn at random may be unstable.
     """
     model, states = simulate_experiment(problem, truth, experiment)
-    if not np.isfinite(states).all():
+    if not RecordedRange.of(problem.dataset).holds(states[:, : problem.dataset.d]):
         return Separation(0.0, 0, 0.0, (np.nan, np.nan))
     record, prior = model.dataset, make_joint_prior(rival.effects, model)
     windows = cut_windows(record, length_s=window_s, min_frames=20)
@@ -122,15 +130,18 @@ def compute_separation(
     def predict(x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         return model.roll_out(rival.effects, x, starts, windows)[0]
 
-    precision = np.linalg.pinv(rival.covariance)
+    precision = rival.precision
     x, starts, best = rival.x, states[windows.first], None
-    for _ in range(EXPERIMENT.refit_steps):
+    for _ in range(refit_steps):
         linear = shooting.differentiate_predictions(predict, x, starts, data, prior.step)
         if not all(np.isfinite(part).all() for part in linear):
             break
         moved = x - rival.x
         cost = 0.5 * float(np.sum(linear[0] ** 2)) / noise_inflation + 0.5 * float(moved @ precision @ moved)
-        left = shooting.eliminate_starts(*linear)
+        try:
+            left = shooting.eliminate_starts(*linear)
+        except np.linalg.LinAlgError:  # a rollout that no longer depends on where it starts
+            break
         right = left.right / noise_inflation - precision @ moved
         move = np.linalg.lstsq(left.curvature / noise_inflation + precision, right, rcond=1e-13)[0]
         start_moves = left.follow(move)

@@ -78,8 +78,9 @@ def check_files(
             text = _describe_state(chosen, fits[usual])
         floor = float(np.sqrt(after.floor.mean()))
         name = best if text and best != usual else usual
+        lead = own_lead if np.isfinite(own_lead) else None
         file, errors = record.files[number], (before.rms_error, after.rms_error, floor)
-        rows.append(FileAgreement(file, *errors, len(held_out.real), own_lead, name, text))
+        rows.append(FileAgreement(file, *errors, len(held_out.real), lead, name, text))
     return tuple(rows) if len(rows) > 1 else ()
 
 
