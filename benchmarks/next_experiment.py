@@ -31,7 +31,8 @@ from lagsplat.diagnose.core.config import EXPERIMENT
 from lagsplat.diagnose.core.result import Suggestion
 from lagsplat.diagnose.diagnosis import DiagnosisRun
 from lagsplat.diagnose.experiment.planning import select_leaders
-from lagsplat.pipelines.diagnosis import look_further, run_diagnosis
+from lagsplat.pipelines.diagnosis import run_diagnosis
+from lagsplat.pipelines.diagnosis_follow_up import look_further
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 EFFECTS = (
