@@ -58,6 +58,7 @@ ROOMS = (
     "diagnose.identification",
     "diagnose.simulators",
     "diagnose.inference",
+    "diagnose.experiment",
     "diagnose.verdict",
     "diagnose.augmented",
     "diagnose.imaging",

@@ -35,10 +35,11 @@ from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
+from lagsplat.pipelines.diagnosis_follow_up import look_further
 from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_diagnosis_inputs
 from lagsplat.pipelines.diagnosis_progress import ProgressDisplay
 from lagsplat.provenance import stamp
-from lagsplat.report.diagnosis.content import ReportContent, save_rollouts
+from lagsplat.report.diagnosis.content import ReportContent, save_next_inputs, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
 from lagsplat.report.diagnosis.serialization import save_diagnosis
 
@@ -235,6 +236,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     diagnosis = write_mujoco_patch(sim, out / "patched.xml", augmented, diagnosis, config)
     # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
+    save_next_inputs(out, diagnosis)
     page = render_report(diagnosis, replace(content, command=command, stamp=stamp()))
     write_text(out / "report.html", page)
     save_diagnosis(out / "diagnosis.json", diagnosis)
@@ -256,6 +258,8 @@ def _diagnose_arguments(
         if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
             reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
         raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
+    display("plan the next experiment", 2)
+    run = look_further(inputs, run, config)
     display("draw the figures", 1)
     content = build_report_content(inputs, run)
     if inputs.recordings is not None:

@@ -10,7 +10,13 @@ from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
 from lagsplat.diagnose.data_quality.checks import DataCheck
 from lagsplat.diagnose.effects.registry import catalogue
 
-STAGES = ("read and check the data", "prepare the sim", "locate the gap", "draw the figures")
+STAGES = (
+    "read and check the data",
+    "prepare the sim",
+    "locate the gap",
+    "plan the next experiment",
+    "draw the figures",
+)
 
 
 def count_steps(config: DiagnoseConfig) -> int:

@@ -18,6 +18,7 @@ from lagsplat.diagnose.effects.excitation import assess_excitation
 from lagsplat.diagnose.effects.registry import (
     catalogue,
     describe_effect,
+    find_confusable,
     list_names,
     register_effect,
     short_title,
@@ -75,6 +76,11 @@ def test_it_is_in_the_catalogue(ratchet: Effect) -> None:
     assert list(catalogue()) == sorted(catalogue())
     names = list_names()
     assert names.index("quadratic_drag") < names.index("ratchet") < names.index("input_lag")
+
+
+def test_it_may_be_confused_both_ways(ratchet: Effect) -> None:
+    assert find_confusable("ratchet") == {"ratchet", "coulomb_friction"}
+    assert "ratchet" in find_confusable("coulomb_friction")
 
 
 def test_a_recording_is_graded_for_it(ratchet: Effect) -> None:

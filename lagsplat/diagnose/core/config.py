@@ -524,6 +524,26 @@ class RECALIBRATION:
     direction_cutoff: float = 1e-8  # eigenvalue over the largest [1] below which a move changes nothing
 
 
+class EXPERIMENT:
+    """Experiments that are compared for what to record next, and repeats that are checked."""
+
+    periods: float = 10.0  # length of most of them [natural periods]
+    min_samples: int = 100  # samples of the shortest [count]
+    lines: int = 12  # sines in a multisine [count]
+    seeds: int = 2  # draws of what has random phases or levels [count]
+    levels: tuple[float, ...] = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17)  # amplitudes over the recorded ones [1]
+    versions: int = 3  # levels compared of each experiment, the largest that stay in range [count]
+    payload: float = 0.5  # inertia of a payload, over the mechanism's own [1]
+    rate_quantile: float = 0.999  # of the recorded rates of an input [1]: the fastest without a glitch
+    reach: float = 1.2  # distance from the middle of the visited range, over the farthest recorded [1]
+    refit_steps: int = 3  # Gauss-Newton steps by which a rival imitates the truth [count]
+    draws: int = 4  # draws of both hypotheses' parameters [count]
+    suggestions: int = 3  # experiments that are suggested, at most [count]
+    decisive: float = 5.0  # log Bayes factor [nat] that is very strong, Kass & Raftery 1995,
+    # doi:10.1080/01621459.1995.10476572
+    bare: float = 1.0  # the same that is not worth more than a bare mention [nat]
+
+
 # --- Inputs and verdict of the pipelines
 
 

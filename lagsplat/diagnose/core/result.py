@@ -106,6 +106,52 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class FileAgreement:
+    """One of several recordings: its gap, and whether the cause found in all of them holds in it.
+
+    ``before`` and ``floor`` are as in `Gap`, of all of this file; ``after`` is with effects that were fitted
+    to the other files alone.
+    """
+
+    file: str
+    before: float
+    after: float
+    floor: float
+    blocks: int  # number of forecasts
+    own_lead: float | None  # log evidence of parameters of its own over shared ones [nat]; None if undefined
+    name: str  # the best explanation of this file alone, where it is decisively better than the common one
+    disagrees: str = ""  # what is different in this file; empty where it agrees
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """One experiment to do next, and the log Bayes factor [nat] that it is expected to give."""
+
+    kind: str
+    text: str  # what to do, for how long, and which observation decides
+    duration_s: float
+    nats: float  # mean over draws from both fits; ``low`` and ``high`` are the least and the most of them
+    low: float
+    high: float
+    repeats: int  # recordings that decide
+    coordinate: str  # where both differ most, and when
+    time_s: float
+    expected: tuple[float, float]  # its value then, by either hypothesis
+    start: Mapping[str, float]  # coordinates where it starts, at rest
+    input: Mapping[str, Any] = field(default_factory=dict)
+    """Times ``t`` [s] and inputs by name, (N,) each; written to a table of its own."""
+
+
+@dataclass(frozen=True)
+class NextExperiments:
+    """Experiments that separate two hypotheses, the best per second first; ``reason`` where there is none."""
+
+    between: tuple[str, ...]
+    suggestions: tuple[Suggestion, ...]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class Block:
     """One held-out block: the measurement, and two forecasts from states fitted to its first samples."""
 
@@ -136,3 +182,5 @@ class Diagnosis:
     """Numbers behind the verdict: periods, noise, misfits, excitation of each effect, robustness."""
     q_names: tuple[str, ...] = ()
     u_names: tuple[str, ...] = ()
+    files: tuple[FileAgreement, ...] = ()  # each recording, where there are several
+    next_experiments: NextExperiments | None = None

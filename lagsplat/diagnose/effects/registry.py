@@ -92,6 +92,14 @@ def list_names() -> list[str]:
     return ["none", "unknown", *(effect.name for effect in list_effects())]
 
 
+def find_confusable(name: str) -> set[str]:
+    """Effects that some recordings cannot separate from ``name``; ``name`` itself if there are any."""
+    known = catalogue()
+    named = set(known[name].confusable_with) if name in known else set()
+    others = named | {other.name for other in known.values() if name in other.confusable_with}
+    return others | {name} if others else set()
+
+
 def describe_effect(name: str) -> EffectDescription:
     """The words for ``name``.
 

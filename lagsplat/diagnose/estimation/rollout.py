@@ -40,6 +40,7 @@ class RolloutModel:
     held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
     smooth: Float64[np.ndarray, "N d"] = field(repr=False)
     """Smoothed coordinates, along which memories of effects are carried to the windows' starts."""
+    payload: float = 0.0  # known inertia that is added to the mechanism, as a share of that at rest [1]
 
     @cached_property
     def inputs(self) -> tuple[InputSignal, ...]:
@@ -126,6 +127,8 @@ class RolloutModel:
                 fields = effect.effect.change(fields, theta, effect, self.model)
             elif isinstance(effect.effect, ForceEffect) and effect.direction is None:
                 fields = effect.effect.whole(fields, theta, self.model)
+        if self.payload:  # after all effects: a mass that differs is the mechanism's own
+            fields.mass[:, 0] += self.payload * self.model.inertia
         return fields
 
     def _inputs(self, placed: Placed, n_sets: int) -> tuple[np.ndarray, np.ndarray]:

@@ -141,6 +141,11 @@ class HeldOutForecast:
     squares: Float64[np.ndarray, " B"]  # of the errors, at most `HOLDOUT.most_error` squared
     floor: Float64[np.ndarray, " B"]  # expected of a true law, from the noise
 
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of all errors [rms of each coordinate]."""
+        return float(np.sqrt(self.squares.mean()))
+
 
 def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.ndarray, " k"]:
     """Parameters of a hypothesis, fitted to the half of the windows that is not held out.
@@ -148,7 +153,14 @@ def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.n
     The sim's own parameters go no further than is plausible: what only an implausible sim explains is not
     explained.
     """
-    x = half.fit(hypothesis.fitted, hypothesis.fit.x).x
+    return keep_plausible(half, hypothesis, half.fit(hypothesis.fitted, hypothesis.fit.x).x)
+
+
+def keep_plausible(
+    half: EstimationProblem, hypothesis: HypothesisFit, x: Float64[np.ndarray, " k"]
+) -> Float64[np.ndarray, " k"]:
+    """Parameters whose part of the sim's own goes no further from zero than is plausible."""
+    x = x.copy()
     own = x[hypothesis.n_effect_parameters :]
     moved = float(np.sum((own / half.rollout_model.nuisance.deviation) ** 2))
     own *= min(1.0, float(np.sqrt(limit_squared_deviation(len(own)) / max(moved, 1e-12))))
@@ -156,16 +168,18 @@ def fit_half(half: EstimationProblem, hypothesis: HypothesisFit) -> Float64[np.n
 
 
 class HeldOutBlocks:
-    """The held-out half of a recording, which one hypothesis after another forecasts."""
+    """The held-out part of a recording, which one hypothesis after another forecasts."""
 
-    def __init__(self, problem: EstimationProblem) -> None:
-        """Cut the windows.
+    def __init__(
+        self, problem: EstimationProblem, split: tuple[EstimationProblem, WindowSet] | None = None
+    ) -> None:
+        """Cut the windows; ``split`` is what to fit and what to hold out, by default halves.
 
         Raises:
             ValueError: the held-out part has no stretch of one period.
         """
         self.problem, record = problem, problem.dataset
-        self.half, held_out = split_windows(problem)
+        self.half, held_out = split or split_windows(problem)
         self.blocks = cut_blocks(problem, held_out)
         self.rms, self.real = np.std(record.q, axis=0), self.blocks.take(record.q)
 

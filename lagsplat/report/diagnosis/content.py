@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ EMPTY_WHERE: dict[str, Any] = {
     "image_region": None,
 }
 """Written of the place of a gap that was not located; ``not_computed`` lists its keys then."""
+NEXT_INPUTS = "next_experiment_{}.csv"
 FORECAST_KINDS = ("real", "sim", "augmented")
 
 
@@ -172,6 +174,20 @@ def save_rollouts(
     table = build_rollouts_table(blocks, q_names=q_names)
     with replace_atomically(path) as temporary:
         table.to_csv(temporary, index=False)
+
+
+def save_next_inputs(folder: str | os.PathLike[str], diagnosis: Diagnosis) -> None:
+    """Write the inputs of each suggested experiment to ``next_experiment_1.csv`` and so on, in its order.
+
+    Older such files go. A mechanism without inputs gets none: its start stands in the suggestion.
+    """
+    for old in Path(folder).glob(NEXT_INPUTS.format("[0-9]")):
+        old.unlink()
+    planned = diagnosis.next_experiments
+    for number, each in enumerate(planned.suggestions if planned else (), start=1):
+        if len(each.input) > 1:
+            with replace_atomically(Path(folder) / NEXT_INPUTS.format(number)) as temporary:
+                pd.DataFrame(each.input).to_csv(temporary, index=False)
 
 
 def to_plain_data(value: Any) -> Any:

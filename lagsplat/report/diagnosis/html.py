@@ -17,6 +17,7 @@ from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect, short_
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.common.style import encode_svg_uri
 from lagsplat.report.diagnosis.content import (
+    NEXT_INPUTS,
     ReportContent,
     list_excited,
     list_findings,
@@ -64,6 +65,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         "estimates": format_estimates,
         "closure": _format_closure,
         "evidence": _format_evidence,
+        "percent": format_percent,
         "number": lambda value: "–" if value is None else format_number(value, digits=3),
     }
     return environment.get_template("report.html.j2").render(
@@ -78,6 +80,9 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         visible=[row for row in visible if row[2]],
         excitations=diagnosis.checks.get("excitation", ()),
         advice=[f"{short_title(name)}: {record}" for name, record in recommend_recordings(diagnosis)],
+        planned=diagnosis.next_experiments,
+        next_inputs=NEXT_INPUTS,
+        agreements=diagnosis.files,
         warnings=_select_warnings(diagnosis),
         figures=[drawing for drawing in drawn if drawing.figure is not None],
         video=None if content.video is None else encode_video_uri(content.video),

@@ -14,7 +14,17 @@ import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import asdict
 
-from lagsplat.diagnose.core.result import SCHEMA, Candidate, Diagnosis, Gap, Interval, Parameter, Verdict
+from lagsplat.diagnose.core.result import (
+    SCHEMA,
+    Candidate,
+    Diagnosis,
+    FileAgreement,
+    Gap,
+    Interval,
+    NextExperiments,
+    Parameter,
+    Verdict,
+)
 from lagsplat.diagnose.effects.registry import VERDICTS, list_names
 from lagsplat.io.files.atomic import write_text
 from lagsplat.report.diagnosis.content import EMPTY_WHERE, list_missing_fields, read_location, to_plain_data
@@ -92,6 +102,8 @@ class DiagnosisRecord(Struct, kw_only=True):
     checks: dict[str, Any] = {}
     q_names: tuple[str, ...] = ()
     u_names: tuple[str, ...] = ()
+    files: tuple[FileAgreement, ...] = ()
+    next_experiments: NextExperiments | None = None
 
 
 COPIED_FIELDS = tuple(set(DiagnosisRecord.__struct_fields__) - {"schema", "effects", "where", "gap"})
@@ -169,6 +181,8 @@ def build_diagnosis_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """
     fields = {name: to_plain_data(getattr(diagnosis, name)) for name in COPIED_FIELDS}
     fields["schema"] = SCHEMA
+    for suggestion in (fields["next_experiments"] or {}).get("suggestions", ()):
+        del suggestion["input"]  # it is in a table of its own
     fields["effects"] = []
     for candidate in diagnosis.candidates:
         closure = {"closure": to_plain_data(candidate.closure or NO_INTERVAL)}

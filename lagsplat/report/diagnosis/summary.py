@@ -21,6 +21,7 @@ from lagsplat.report.common.formatting import (
     list_numbers,
 )
 from lagsplat.report.diagnosis.content import (
+    NEXT_INPUTS,
     find_main_coordinate,
     list_excited,
     list_findings,
@@ -311,6 +312,13 @@ def _describe_closure(diagnosis: Diagnosis, remedy: str) -> str:
 
 
 def _recommend_next(diagnosis: Diagnosis) -> str:
+    planned = diagnosis.next_experiments
+    if planned is not None:
+        if not planned.suggestions:
+            return f"{planned.reason}."
+        first = planned.suggestions[0]
+        played = f"; its inputs are in {NEXT_INPUTS.format(1)}" if len(first.input) > 1 else ""
+        return f"{first.text}{played}."
     for effect, record in recommend_recordings(diagnosis)[:1]:
         if diagnosis.verdict == "none" or sum_probability(diagnosis, effect) >= ADVICE_FROM:
             return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."

@@ -74,6 +74,39 @@ def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
     assert "drag" in lines[0]
     assert str(tmp_path / "d" / "report.html") in lines[-1]
     assert told_now.err.index("data: ") < told_now.err.index("quadratic drag")
+    assert told["files"] == []
+    planned = told["next_experiments"]
+    assert len(planned["between"]) == 2
+    played = [each for each in planned["suggestions"] if each["kind"] not in ("release", "payload")]
+    assert planned["reason"] or played
+    for number, each in enumerate(planned["suggestions"], start=1):
+        inputs = tmp_path / "d" / f"next_experiment_{number}.csv"
+        out = tmp_path / "d" / f"next_{number}.csv"
+        run = f"run={tmp_path / 'd' / 'augmented.safetensors'}"
+        assert main(["simulate", run, f"input={inputs}", f"out={out}"]) == 0
+        assert pd.read_csv(out)["t"].iloc[-1] == pytest.approx(each["duration_s"])
+
+
+def test_several_files_are_one_diagnosis_that_names_the_odd_one(
+    pair: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def softer(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+        """Drag of another size."""
+        return own(q, v, u) - 1.2 * abs(v) * v, []
+
+    sim, _ = pair
+    for i, law in enumerate((dragged, dragged, softer)):
+        motion = film(law, u=wave(4 + i), seconds=10.0, noise=0.003, seed=i)
+        written(motion, tmp_path / f"real_{i}.csv")
+    out = tmp_path / "d"
+    assert main(["diagnose", f"sim={sim}", f"real={tmp_path}/real_*.csv", f"out={out}", *QUICK]) == 0
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert [Path(each["file"]).name for each in told["files"]] == [f"real_{i}.csv" for i in range(3)]
+    odd = told["files"][2]
+    assert odd["own_lead"] == max(each["own_lead"] for each in told["files"])
+    assert "another state of the mechanism: coefficient" in odd["disagrees"]
+    assert any("real_2.csv disagrees with the other files" in text for text in told["warnings"])
+    assert all(each["before"] > each["floor"] for each in told["files"])
 
 
 def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:

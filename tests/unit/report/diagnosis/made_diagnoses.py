@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.core.result import Block, Candidate, Diagnosis, Gap, Interval, Parameter
+from lagsplat.diagnose.core.result import (
+    Block,
+    Candidate,
+    Diagnosis,
+    FileAgreement,
+    Gap,
+    Interval,
+    NextExperiments,
+    Parameter,
+    Suggestion,
+)
 
 OMEGA = 2.0 * np.pi / 1.2
 FRICTION = 0.8
@@ -293,3 +303,30 @@ def every_kind():
             checks=checks() | {"undetermined": "the recording lasts only 1.4 periods"},
         ),
     }
+
+
+def planned():
+    """One experiment with inputs and one without."""
+    first = Suggestion(
+        kind="chirp",
+        text="Record a chirp of torque, for 12 s",
+        duration_s=12.0,
+        nats=7.5,
+        low=3.0,
+        high=9.0,
+        repeats=1,
+        coordinate="q1",
+        time_s=4.25,
+        expected=(0.5, 0.25),
+        start={"q0": 0.0, "q1": 0.5},
+        input={"t": np.arange(3) * DT, "torque": np.array([0.0, 0.5, 1.0])},
+    )
+    release = replace(first, kind="release", text="Release it", input={"t": np.arange(3) * DT})
+    return NextExperiments(("Coulomb friction (q1)", "viscous damping (q1)"), (first, release))
+
+
+def several_files():
+    """Two files that agree and one that does not."""
+    agree = [FileAgreement(f"swing_{i}.csv", 0.2, 0.05, 0.04, 9, -4.5, "coulomb_friction") for i in (0, 1)]
+    state = "another state of the mechanism: acceleration 0.9 instead of 0.5"
+    return (*agree, FileAgreement("swing_2.csv", 0.3, 0.15, 0.04, 8, 31.0, "coulomb_friction", state))

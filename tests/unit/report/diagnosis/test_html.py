@@ -164,3 +164,22 @@ def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
     assert "misfit none" not in beginning
     assert "<td>misfit none</td><td>75</td>" in end
     assert "half the noise: coulomb_friction" in end
+
+
+def test_the_page_says_what_to_do_next_and_which_file_disagrees():
+    files, planned = made_diagnoses.several_files(), made_diagnoses.planned()
+    text = render_report(replace(KINDS["single"], files=files, next_experiments=planned), ReportContent())
+    assert "What next: Coulomb friction (q1) or viscous damping (q1)?" in text
+    assert "Record a chirp of torque, for 12 s." in text
+    assert text.count("next_experiment_1.csv") == 2  # in the summary and in the list
+    assert "next_experiment_2.csv" not in text
+    assert files[2].disagrees in text
+    Page(text)
+    nothing = replace(planned, suggestions=(), reason="No experiment separates them")
+    assert "No experiment separates them." in render_report(
+        replace(KINDS["single"], next_experiments=nothing), ReportContent()
+    )
+
+
+def test_one_file_has_no_table_of_files():
+    assert "File by file" not in render_report(KINDS["single"], ReportContent())

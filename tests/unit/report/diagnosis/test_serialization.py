@@ -10,6 +10,7 @@ import pytest
 from lagsplat.diagnose.core.result import Block
 from lagsplat.report.diagnosis.content import (
     build_rollouts_table,
+    save_next_inputs,
     save_rollouts,
     to_plain_data,
 )
@@ -175,3 +176,26 @@ def test_rollouts_have_as_many_columns_as_coordinates():
         "q0_sim",
         "q0_augmented",
     ]
+
+
+def test_files_and_next_experiments_come_back_without_their_tables(tmp_path):
+    files, planned = made_diagnoses.several_files(), made_diagnoses.planned()
+    made = replace(KINDS["single"], files=files, next_experiments=planned)
+    save_diagnosis(tmp_path / "diagnosis.json", made)
+    read = load_diagnosis(tmp_path / "diagnosis.json")
+    assert read.files == files
+    assert read.next_experiments.between == planned.between
+    bare = tuple(replace(each, input={}) for each in planned.suggestions)
+    assert read.next_experiments.suggestions == bare
+
+
+def test_inputs_to_play_are_tables_that_replace_older_ones(tmp_path):
+    made = replace(KINDS["single"], next_experiments=made_diagnoses.planned())
+    (tmp_path / "next_experiment_3.csv").write_text("old")
+    save_next_inputs(tmp_path, made)
+    assert [path.name for path in tmp_path.iterdir()] == ["next_experiment_1.csv"]
+    table = pd.read_csv(tmp_path / "next_experiment_1.csv")
+    assert list(table.columns) == ["t", "torque"]
+    assert table["torque"].tolist() == [0.0, 0.5, 1.0]
+    save_next_inputs(tmp_path, KINDS["single"])
+    assert not list(tmp_path.iterdir())

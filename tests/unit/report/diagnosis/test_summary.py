@@ -227,3 +227,11 @@ def test_an_effect_is_named_with_all_its_places(candidate: Candidate, short: str
     assert name_candidate(candidate) == short
     assert title_candidate(candidate).endswith(end)
     assert "at u0" not in title_candidate(candidate)
+
+
+def test_a_planned_experiment_takes_the_place_of_general_advice():
+    planned = made_diagnoses.planned()
+    made = replace(KINDS["single"], next_experiments=planned)
+    assert write_summary(made).endswith("for 12 s; its inputs are in next_experiment_1.csv.")
+    nothing = replace(planned, suggestions=(), reason="No experiment tells them apart")
+    assert write_summary(replace(made, next_experiments=nothing)).endswith("No experiment tells them apart.")

@@ -1,0 +1,1 @@
+"""The next experiment: what to record so that the two leading hypotheses of a diagnosis separate."""
