@@ -21,6 +21,11 @@ from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
+MOST = 2
+"""Effects that a forecast holds at most."""
+MARGIN = 1.0
+"""Standard errors by which a name must beat ``none``."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -50,9 +55,9 @@ class Contest:
         return HypothesisFit((), self.problem.fit((), np.zeros(self.problem.rollout_model.nuisance.size)))
 
     def fit_named(self, named: Sequence[Place]) -> HypothesisFit:
-        """Fit the catalogue's laws of named effects at their places, one after another."""
+        """Fit the catalogue's laws of the first `MOST` named effects at their places, one after another."""
         fit = self.none
-        for place in named:
+        for place in named[:MOST]:
             offered = [effect for effect in self.candidates if _stands_at(effect, place)]
             known = fit if fit.effects else None
             found = rank_hypotheses(self.problem, offered, self.budget, known=known).found if offered else ()
@@ -91,13 +96,11 @@ def _stands_at(effect: PlacedEffect, place: Place) -> bool:
     )
 
 
-def choose_by_error(
-    squares: Mapping[str, np.ndarray], *, margin: float
-) -> tuple[str, dict[str, float]]:
+def choose_by_error(squares: Mapping[str, np.ndarray]) -> tuple[str, dict[str, float]]:
     """The name with the lowest held-out error, or ``none``, and the log likelihood of each name.
 
     ``squares`` holds mean squares of held-out blocks (B,) by name, ``none`` among them. ``none`` stands
-    unless the mean logarithm of the best name's squares is lower by ``margin`` standard errors, as in the
+    unless the mean logarithm of the best name's squares is lower by `MARGIN` standard errors: the
     one-standard-error rule (Breiman et al., "Classification and Regression Trees", 1984, ch. 3). In the
     likelihoods each block counts once, under errors as large as the best's.
     """
@@ -108,4 +111,4 @@ def choose_by_error(
     scores = {name: -0.5 * n * float(np.log(value / finite[best])) for name, value in finite.items()}
     drop = np.log(squares["none"] / squares[best])
     spread = float(np.std(drop, ddof=1)) / np.sqrt(n) if n > 1 else 0.0
-    return (best if float(drop.mean()) > margin * spread else "none"), scores
+    return (best if float(drop.mean()) > MARGIN * spread else "none"), scores

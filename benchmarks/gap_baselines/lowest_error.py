@@ -13,12 +13,9 @@ from lagsplat.diagnose.inference.holdout import HeldOutBlocks
 from lagsplat.diagnose.inference.model_selection import rank_hypotheses
 from lagsplat.diagnose.inference.problem import HypothesisFit
 
-MARGIN = 0.0
-"""Standard errors by which a name must beat ``none``."""
-
 
 def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
-    """The effect, or ``none``, with the lowest mean square error over the held-out blocks.
+    """The effect with the lowest mean square error over the held-out blocks, or ``none``.
 
     Raises:
         ValueError: the motions are too short for a single window or block.
@@ -30,7 +27,7 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
         best.setdefault(fit.name, fit)
     held_out = HeldOutBlocks(contest.problem)
     squares = {name: held_out.forecast(fit).squares for name, fit in best.items()}
-    first, scores = choose_by_error(squares, margin=MARGIN)
+    first, scores = choose_by_error(squares)
     if first == "none":
         return Said(weigh(scores, first))
     at = best[first].effects[0]
