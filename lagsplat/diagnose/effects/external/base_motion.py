@@ -48,10 +48,10 @@ EFFECT = replace(
     excitation=grade_excitation,
     confusable_with=("external_periodic_force", "hidden_mode"),
     recurrence=measure_recurrence,
-    mujoco="the frame of a model stands still; it would need a base that is moved from outside.",
+    mujoco="the ground of a model stands still; it would need a base that is moved from outside.",
     title="a base that shakes",
     kind="outside",
-    what="The frame itself moves to and fro, and every part feels it by its inertia.",
+    what="What the mechanism is fixed to moves to and fro, and every part feels it by its inertia.",
     symptom="All coordinates show one frequency in one phase that no input explains, even at rest.",
     remedy="Fasten the base, or log its acceleration and give it to the simulation as an input.",
 )

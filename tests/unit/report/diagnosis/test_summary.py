@@ -157,7 +157,7 @@ def test_an_effect_that_hardly_matters_is_said_with_its_share(verdict):
     made = KINDS[verdict]
     small = {"effects": ["time_offset"], "share": {"value": 0.02, "low": 0.01, "high": 0.03}}
     text = write_summary(replace(made, checks={**made.checks, "immaterial": small}))
-    assert "Time offset can be seen but hardly matters: 2 % of the gap beyond a refit." in text
+    assert "Time offset can be seen but hardly matters: 2.0 % of the gap beyond a refit." in text
     assert "hardly matters" not in write_summary(made)
 
 
