@@ -13,7 +13,7 @@ from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
 
 SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
-LEFT_OUT_WEIGHT = 0.25  # of a recording without its true effect: about a fifth of all then have an unknown cause
+LEFT_OUT_WEIGHT = 0.25  # of a recording without its true effect: so about a fifth have an unknown cause
 
 
 @dataclass(frozen=True)

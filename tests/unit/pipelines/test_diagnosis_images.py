@@ -109,7 +109,8 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
     )
     pair, found = diagnosed(bare, mechanics)
     assert [stage.name for stage in compute_error_stages(pair, found)] == ["chart", "one step", "rollout"]
-    found, content = add_images(pair, DiagnosisRun(found.diagnosis, found.search, None, None), ReportContent())
+    run = DiagnosisRun(found.diagnosis, found.search, None, None)
+    found, content = add_images(pair, run, ReportContent())
     assert content.video is None
     assert "image" not in found.diagnosis.checks
 
