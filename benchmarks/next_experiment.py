@@ -128,7 +128,7 @@ def run_case(effect: str, seed: int) -> dict[str, Any]:
         row["between"] = ["+".join(e.effect.name for e in fit.effects) or "none" for fit in fits]
         if row["before"]["decided"]:
             return row
-        playable = [each for each in planned.suggestions if each.kind != "payload"] if planned else []
+        playable = [each for each in planned.suggestions if each.kind != "known_payload"] if planned else []
         row["suggestion"] = None
         if playable:
             row |= {"suggestion": playable[0].kind, "nats": playable[0].nats, "repeats": playable[0].repeats}

@@ -144,7 +144,7 @@ def propose_experiments(
     for pose in _visited_poses(record, rest):
         for kind, what, payload in (
             ("release", "a release from rest", 0.0),
-            ("payload", "a release from rest with a known payload", EXPERIMENT.payload),
+            ("known_payload", "a release from rest with a known payload", EXPERIMENT.payload),
         ):
             yield (
                 Experiment(kind, what, time_s, held, rest + level * (pose - rest), payload)

@@ -77,7 +77,7 @@ def test_a_pair_of_tables_becomes_a_verdict_with_its_files(
     assert told["files"] == []
     planned = told["next_experiments"]
     assert len(planned["between"]) == 2
-    played = [each for each in planned["suggestions"] if each["kind"] not in ("release", "payload")]
+    played = [each for each in planned["suggestions"] if each["kind"] not in ("release", "known_payload")]
     assert planned["reason"] or played
     for number, each in enumerate(planned["suggestions"], start=1):
         inputs = tmp_path / "d" / f"next_experiment_{number}.csv"

@@ -37,17 +37,17 @@ def test_inputs_stay_within_the_recorded_amplitude_and_rate(record) -> None:
         assert each.u.max() <= high + 1e-12
         assert np.abs(np.diff(each.u[:, 0]) / np.diff(each.time_s)).max() <= 1.001 * fastest
         assert np.allclose(np.diff(each.time_s), dataset.dt_s)
-    assert kinds == {"multisine", "switching", "steps", "chirp", "triangle", "hold", "release", "payload"}
+    assert kinds == {"multisine", "switching", "steps", "chirp", "triangle", "hold", "release", "known_payload"}
 
 
 def test_what_has_no_input_is_released_from_poses_that_it_was_seen_in() -> None:
     problem = contest([film(seconds=8.0)])
     proposed = propose(problem.rollout_model.model, problem.dataset)
-    assert {each.kind for each in proposed} == {"release", "payload"}
+    assert {each.kind for each in proposed} == {"release", "known_payload"}
     starts = [each.start[0] for each in proposed]
     assert min(starts) == pytest.approx(problem.dataset.q.min())
     assert max(starts) == pytest.approx(problem.dataset.q.max())
-    assert {each.payload > 0.0 for each in proposed if each.kind == "payload"} == {True}
+    assert {each.payload > 0.0 for each in proposed if each.kind == "known_payload"} == {True}
 
 
 def test_an_input_of_the_hypotheses_is_also_driven_alone(record) -> None:
