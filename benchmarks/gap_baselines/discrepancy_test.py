@@ -23,9 +23,9 @@ from lagsplat.diagnose.inference.problem import compute_autocorrelation_time
 
 FALSE_DISCOVERIES = 0.05
 """Expected share of false ones among the terms that are named."""
-PERIODS = 1.0
+PERIODS = 0.25
 """Length of a stretch, in rms periods of the motion."""
-SHARE = 0.01
+SHARE = 0.006
 """Share of the sim's own acceleration that a term must make up."""
 MOST = 2
 """Terms that are named at most."""

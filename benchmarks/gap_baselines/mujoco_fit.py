@@ -148,6 +148,8 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
     Raises:
         ValueError: no mechanism that MuJoCo expresses tells the nominal motions, or too few windows.
     """
+    # trials diverge, which `DivergedError` tells; MuJoCo would list each in a file where the program runs
+    mujoco.set_mju_user_warning(lambda message: None)
     drawn, misfit = _nominal(case.sim, case.d)
     if misfit > EXPRESSED:
         raise ValueError(

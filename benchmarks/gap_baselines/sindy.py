@@ -19,11 +19,11 @@ from lagsplat.diagnose.core.config import DiagnoseConfig
 
 MODELS = 100
 """Models of the ensemble, each fitted to stretches drawn with replacement."""
-PERIODS = 0.5
+PERIODS = 0.25
 """Length of a stretch, in rms periods of the motion."""
-THRESHOLD = 0.05
+THRESHOLD = 0.01
 """Share of the sim's own acceleration below which a term is left out of a model."""
-INCLUDED = 0.95
+INCLUDED = 0.8
 """Share of the models in which a term must stand."""
 UNIT = {
     "viscous_damping": ("rate", 0.0, -1.0),
@@ -50,7 +50,7 @@ class Included:
 
 
 def ensemble_sindy(case: Case, config: DiagnoseConfig) -> Said:
-    """The terms that nearly all models keep, the strongest first; ``none`` if they keep none.
+    """The terms that most models keep, the strongest first; ``none`` if they keep none.
 
     Raises:
         ValueError: no clip is long enough for a weak form.

@@ -151,6 +151,10 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
             [i for i in items if i.kind == "outside"], lambda i: i.said.verdict == "unknown"
         ),
         "false_abstention": share(single, lambda i: i.said.verdict in ABSTAINED),
+        "unnamed_outside": share(
+            [i for i in items if i.kind == "outside"], lambda i: i.said.verdict != "effect"
+        ),
+        "unnamed": share(single, lambda i: i.said.verdict != "effect"),
         "wrong_names": share(items, lambda i: bool(match_names(i, whole_class=True)[1])),
         "missed": share(single, lambda i: i.said.verdict == "none"),
         "ece_class": ece,

@@ -20,6 +20,8 @@ ROWS = (
     ("abstention_outside", "abstention, outside"),
     ("abstention_left_out", "abstention, left out"),
     ("false_abstention", "false abstention"),
+    ("unnamed_outside", "unnamed, outside"),
+    ("unnamed", "wrongly unnamed"),
     ("wrong_names", "recordings with a wrong or invented name"),
 )
 NUMBERS = (
