@@ -35,16 +35,17 @@ def judge_alternatives(
 ) -> Judgement:
     """Weigh the alternatives by a calibrated model.
 
-    The probability of a set of effects is shared evenly by their names. Names of the ``catalogue`` that were
-    not fitted have none.
+    The probability of a set counts for that of its effects which has the most evidence alone, so that each name
+    has the probability of being the main cause. Names of the ``catalogue`` that were not fitted have none.
     """
     chances = np.exp(model.log_probabilities(compute_features(alternatives)))
     names = [m.names for m in alternatives.measures]
     probabilities = {"none": float(chances[0]), "unknown": float(chances[-1])}
     probabilities |= dict.fromkeys(catalogue, 0.0)
+    alone = {m.names[0]: m.log_evidence for m in alternatives.measures if len(m.names) == 1}
     for members, chance in zip(names[1:], chances[1:-1], strict=True):
-        for name in members:
-            probabilities[name] += float(chance) / len(members)
+        main = max(members, key=lambda name: alone.get(name, -np.inf))
+        probabilities[main] += float(chance)
     first = int(np.argmax(chances))
     verdict: Verdict = "none" if first == 0 else "unknown" if first == len(names) else "effect"
     best = None
