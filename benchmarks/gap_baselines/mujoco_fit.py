@@ -1,14 +1,13 @@
-"""Fit everything with MuJoCo's own identification toolbox; its largest significant change is its answer.
+"""Fit every change that MuJoCo's own identification toolbox offers, and take the lowest held-out error.
 
-A mechanism is identified on the nominal motions and then frozen. On the real ones every joint may gain
-damping, drag, dry friction, stiffness, hardening and armature, every motor may change its gain, and a delay
-may lie between inputs and coordinates. Inertia, stiffness and gains together only set a scale that no motion
-shows; so one fit leaves the armature as it is, another one stiffness and gains, and the better one counts.
-How large a change is, is how large its force gets on the real motion.
+A mechanism is identified on the nominal motions and then frozen. On the real ones each joint may gain
+damping, drag, dry friction, stiffness, hardening or armature, each motor change its gain, and a delay may
+lie between inputs and coordinates: one change at a time, fitted to every other window and judged on the rest.
 """
 
 import contextlib
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -16,44 +15,141 @@ import numpy as np
 from mujoco import sysid
 
 from benchmarks.gap_baselines.case import Case
+from benchmarks.gap_baselines.contest import choose_by_error
 from benchmarks.gap_baselines.mujoco_model import KINDS, Drawn, draw, gear_field, joint_field
-from benchmarks.gap_baselines.said import Said
-from lagsplat.diagnose.core.config import DiagnoseConfig
+from benchmarks.gap_baselines.said import Said, weigh
+from lagsplat.diagnose.core.config import HOLDOUT, DiagnoseConfig
+from lagsplat.diagnose.core.result import Block
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
-from lagsplat.diagnose.estimation.dataset import PreparedDataset, cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.dataset import PreparedDataset, WindowSet, cut_windows, prepare_dataset
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-ITERATIONS = 12
-WINDOWS = 6
-"""Stretches that a fit looks at, at most."""
-EXPRESSED = 0.1
+ITERATIONS, NOMINAL_ITERATIONS = 12, 40
+"""Steps of a fit at most, of one change and of a whole mechanism."""
+PERIODS = 1.5
+"""Length of a stretch, in rms periods of the motion."""
+WINDOWS, HELD = 6, 24
+"""Stretches that a fit looks at, and others that it is judged on, at most."""
+EXPRESSED = 0.2
 """RMS of the nominal residual, in the coordinates' rms, beyond which no mechanism of MuJoCo is the sim."""
-LEAST = 0.01
-"""Share of the inertial force below which a change is none."""
 DELAY_S = 0.1
-HELD = (("mass_change",), ("linear_stiffness", "input_gain"))
-"""Changes that each of the fits does without."""
-BETTER = 0.99
-"""Share of the first fit's residual that a later one must stay below."""
+DELAY_PERIODS = 0.1
+"""Bound of a delay in rms periods, where it is tighter."""
+
+
+Window = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Times (n,), measured and simulated coordinates (n, d)."""
+
+
+class DivergedError(Exception):
+    """A rollout left every bound, and the toolbox goes no further."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter that may differ on the real motions: its effect, joint and motor, and its bounds."""
+    """A parameter that may differ on the real motions: its effect, joint and motor."""
 
-    key: str
+    parameter: sysid.Parameter
     effect: str
-    joint: int | None
-    motor: int | None
-    reference: float
+    joint: int | None = None
+    motor: int | None = None
+
+    @property
+    def reference(self) -> float:
+        """Its value in the sim."""
+        return float(self.parameter.nominal[0])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Parameters with the half widths of their 95 % intervals, and measured and simulated windows."""
+
+    parameters: sysid.ParameterDict
+    half_width: np.ndarray
+    windows: list[Window]
+
+    @property
+    def vector(self) -> np.ndarray:
+        """The fitted values."""
+        return np.asarray(self.parameters.as_vector())
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A mechanism and the windows that it is fitted to; each begins at the smoothed state."""
+
+    spec: mujoco.MjSpec
+    ready: PreparedDataset
+    windows: WindowSet
+    latest_s: float = 0.0  # longest delay
+
+    def subset(self, remainder: int, most: int) -> "Bench":
+        """Every other window, ``most`` of them at most, evenly spread."""
+        number = np.arange(remainder, len(self.windows.first), 2)
+        if not len(number):
+            raise ValueError("a single window is left, and none to hold out; record longer")
+        chosen = number[np.unique(np.linspace(0, len(number) - 1, most).astype(int))]
+        mask = np.isin(np.arange(len(self.windows.first)), chosen)
+        return replace(self, windows=self.windows.select(mask))
+
+    def simulate(self, parameters: sysid.ParameterDict) -> list[Window]:
+        """Times, measured and simulated coordinates of every window."""
+        _, simulated, measured = self._residual()(parameters.as_vector(), parameters.copy())
+        return _windows(measured, simulated)
+
+    def fit(self, parameters: sysid.ParameterDict, *, iterations: int = ITERATIONS) -> Fitted:
+        """Least squares in the rms of each coordinate."""
+        residual = self._residual()
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints every iteration, whatever it is told
+            found, result = sysid.optimize(
+                parameters.move_off_bounds(),
+                residual,
+                optimizer="mujoco",
+                verbose=False,
+                max_iters=iterations,
+            )
+        left, simulated, measured = residual(found.as_vector(), found.copy())
+        flat = [part.ravel() for part in left]
+        _, half_width = sysid.calculate_intervals(flat, np.asarray(result.jac), alpha=0.05)
+        return Fitted(found, np.asarray(half_width).ravel(), _windows(measured, simulated))
+
+    def _residual(self):
+        rms, latest = np.std(self.ready.dataset.q, axis=0), self.latest_s
+        spec = self.spec.copy()  # the toolbox writes parameters into the one that it is given
+        model = spec.compile()
+
+        def compare(params, predicted, measured, model, return_pred_all, state=None, sensor_weights=None):
+            late = float(params["delay"].value[0]) if "delay" in params else 0.0
+            # not its sensors, which show the state a step ago
+            now = sysid.TimeSeries(state[:, 0], state[:, 1 : 1 + model.nq], measured.signal_mapping)
+            shown = sysid.apply_delayed_ts_window(measured, now, -latest, latest)
+            moved = sysid.apply_resample_and_delay(now, shown.times, late)
+            wrong = (shown.data - moved.data) / rms
+            return np.where(np.isfinite(wrong), wrong, 1e3), moved, shown
+
+        pairs = enumerate(zip(self.windows.first, self.windows.length, strict=True))
+        parts = [_sequence(spec, model, self.ready, first, length, k) for k, (first, length) in pairs]
+        inner = sysid.build_residual_fn(models_sequences=parts, modify_residual=compare, n_threads=1)
+
+        def residual(*arguments, **more):
+            try:
+                return inner(*arguments, **more)
+            except ValueError as error:
+                if "strictly increasing" not in str(error):  # what the toolbox says of a rollout that stopped
+                    raise
+                raise DivergedError(str(error)) from error
+
+        return residual
 
 
 def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
-    """The effect of the largest significant change, or ``none``.
+    """The change with the lowest held-out error, or ``none``.
 
     Raises:
-        ValueError: no mechanism that MuJoCo expresses tells the nominal motions.
+        ValueError: no mechanism that MuJoCo expresses tells the nominal motions, or too few windows.
     """
+    # trials diverge, which `DivergedError` tells; MuJoCo would list each in a file where the program runs
+    mujoco.set_mju_user_warning(lambda message: None)
     drawn, misfit = _nominal(case.sim, case.d)
     if misfit > EXPRESSED:
         raise ValueError(
@@ -62,36 +158,55 @@ def mujoco_sysid(case: Case, config: DiagnoseConfig) -> Said:
         )
     period_s = estimate_spectral_period_s(case.real)
     ready = prepare_dataset(case.real, period_s=period_s)
-    found = None
-    for held in HELD:
-        parameters, offered = _changes(drawn, ready, held)
-        tried = _fit(drawn.spec, parameters, ready, 2.0 * period_s)
-        if found is None or tried[2] < BETTER * found[2]:
-            found, changes = tried, offered
-    assert found is not None
-    fitted, half_width, _ = found
-    sizes = {}
-    model = drawn.spec.copy().compile()
-    force = _inertial(model, ready)
-    for k, change in enumerate(changes):
-        moved = float(fitted[k]) - change.reference
-        if abs(moved) > half_width[k] and np.isfinite(half_width[k]):
-            size = abs(moved) * _unit_force(change, model, ready, force)
-            if size >= LEAST:
-                sizes[k] = size
-    if not sizes:
-        return Said({"none": 1.0})
-    best = max(sizes, key=lambda k: sizes[k])
-    shares: dict[str, float] = {}
-    for k, size in sizes.items():
-        shares[changes[k].effect] = max(shares.get(changes[k].effect, 0.0), size)
-    total = sum(shares.values())
-    change = changes[best]
+    windows = cut_windows(ready.dataset, length_s=PERIODS * period_s, min_frames=12)
+    whole = Bench(drawn.spec, ready, windows, min(DELAY_S, DELAY_PERIODS * period_s))
+    bench, held = whole.subset(0, WINDOWS), whole.subset(1, HELD)
+    rms = np.std(ready.dataset.q, axis=0)
+    shown = {"none": held.simulate(sysid.ParameterDict())}
+    squares = {"none": _squares(shown["none"], rms)}
+    best: dict[str, tuple[Change, Fitted]] = {}
+    for change in _changes(drawn, whole):
+        parameters = sysid.ParameterDict()
+        parameters.add(change.parameter)
+        try:
+            fitted = bench.fit(parameters)
+            forecast = held.simulate(fitted.parameters)
+        except DivergedError:
+            continue
+        error = _squares(forecast, rms)
+        if change.effect not in squares or error.mean() < squares[change.effect].mean():
+            shown[change.effect], squares[change.effect] = forecast, error
+            best[change.effect] = change, fitted
+    first, scores = choose_by_error(squares)
+    if first == "none":
+        return Said(weigh(scores, first))
+    change, fitted = best[first]
     return Said(
-        {name: share / total for name, share in shares.items()},
-        None if change.joint is None else f"q{change.joint}",
-        None if change.motor is None else f"u{change.motor}",
-        _published(change, float(fitted[best]), float(half_width[best]), model),
+        weigh(scores, first),
+        None if change.joint is None else case.real[0].q_names[change.joint],
+        None if change.motor is None else case.real[0].u_names[change.motor],
+        _published(change, float(fitted.vector[0]), float(fitted.half_width[0]), drawn.spec.copy().compile()),
+        _blocks(case.real[0].source, shown["none"], shown[first]),
+    )
+
+
+def _windows(measured: list, simulated: list) -> list[Window]:
+    """The toolbox lists the windows of each model; here every model has one."""
+    pairs = zip(measured, simulated, strict=True)
+    return [(real.times, real.data, sim.data) for (real,), (sim,) in pairs]
+
+
+def _squares(windows: list[Window], rms: np.ndarray) -> np.ndarray:
+    """Mean square error of every window past its start, in the rms of each coordinate, bounded."""
+    every = [((real - sim) / rms)[HOLDOUT.start_samples :] for _, real, sim in windows]
+    most = HOLDOUT.most_error**2
+    return np.array([min(float(np.nan_to_num(np.mean(e**2), nan=most, posinf=most)), most) for e in every])
+
+
+def _blocks(file: str, sim: Sequence[Window], augmented: Sequence[Window]) -> tuple[Block, ...]:
+    return tuple(
+        Block(file, k, time, real, before, after)
+        for k, ((time, real, before), (_, _, after)) in enumerate(zip(sim, augmented, strict=True))
     )
 
 
@@ -103,45 +218,22 @@ def _nominal(motions: tuple[Trajectory, ...], d: int) -> tuple[Drawn, float]:
     for kind in KINDS.get(d, ()):
         size = float(np.abs(ready.smooth).max())
         drawn = draw(kind, d, ready.dataset.u.shape[1], guess_s=period_s, dt_s=ready.dataset.dt_s, size=size)
-        fitted, _, misfit = _fit(drawn.spec, drawn.parameters, ready, period_s)
-        drawn.parameters.update_from_vector(fitted)
+        windows = cut_windows(ready.dataset, length_s=period_s, min_frames=12)
+        bench = Bench(drawn.spec, ready, windows).subset(0, WINDOWS)
+        try:
+            fitted = bench.fit(drawn.parameters, iterations=NOMINAL_ITERATIONS)
+        except DivergedError:
+            continue  # this is not the mechanism
+        misfit = float(np.sqrt(_squares(fitted.windows, np.std(ready.dataset.q, axis=0)).mean()))
+        drawn.parameters.update_from_vector(fitted.vector)
         spec = sysid.apply_param_modifiers_spec(drawn.parameters, drawn.spec.copy())
         if best is None or misfit < best[1]:
             best = (replace(drawn, spec=spec), misfit)
     if best is None:
-        raise ValueError(f"no mechanism of {d} coordinates is known")
-    return best
-
-
-def _fit(
-    spec: mujoco.MjSpec, parameters: sysid.ParameterDict, ready: PreparedDataset, window_s: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Best parameters, the half widths of their 95 % intervals, and the rms residual in the rms of each q."""
-    record, model = ready.dataset, spec.compile()
-    rms = np.std(record.q, axis=0)
-    windows = cut_windows(record, length_s=window_s, min_frames=12)
-    chosen = np.unique(np.linspace(0, len(windows.first) - 1, WINDOWS).astype(int))
-    parts = [_sequence(spec, model, ready, windows.first[k], windows.length[k], k) for k in chosen]
-    latest = DELAY_S if "delay" in parameters else 0.0
-
-    def compare(params, predicted, measured, model, return_pred_all, state=None, sensor_weights=None):
-        late = float(params["delay"].value[0]) if "delay" in params else 0.0
-        # not its sensors, which show the state a step ago
-        now = sysid.TimeSeries(state[:, 0], state[:, 1 : 1 + model.nq], measured.signal_mapping)
-        shown = sysid.apply_delayed_ts_window(measured, now, -latest, latest)
-        moved = sysid.apply_resample_and_delay(now, shown.times, late)
-        wrong = (shown.data - moved.data) / rms
-        return np.where(np.isfinite(wrong), wrong, 1e3), moved, shown
-
-    residual = sysid.build_residual_fn(models_sequences=parts, modify_residual=compare, n_threads=1)
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints every iteration, whatever it is told
-        found, result = sysid.optimize(
-            parameters.move_off_bounds(), residual, optimizer="mujoco", verbose=False, max_iters=ITERATIONS
+        raise ValueError(
+            f"no mechanism of {d} coordinates among {KINDS.get(d, ())} tells the nominal motions"
         )
-    left = [part.ravel() for part in residual(found.as_vector(), found.copy())[0]]
-    _, half_width = sysid.calculate_intervals(left, np.asarray(result.jac), alpha=0.05)
-    flat = np.concatenate(left)
-    return found.as_vector(), np.asarray(half_width).ravel(), float(np.sqrt(np.mean(flat**2)))
+    return best
 
 
 def _sequence(
@@ -161,22 +253,18 @@ def _sequence(
     )
 
 
-def _changes(
-    drawn: Drawn, ready: PreparedDataset, held: tuple[str, ...]
-) -> tuple[sysid.ParameterDict, list[Change]]:
-    """Every change that the toolbox is offered but those ``held``, and what each one means."""
-    model = drawn.spec.copy().compile()
-    inertia = _inertia(model, ready)
+def _changes(drawn: Drawn, bench: Bench) -> list[Change]:
+    """Every change that the toolbox is offered."""
+    ready = bench.ready
+    inertia = _inertia(drawn.spec.copy().compile(), ready)
     rms, speed = np.std(ready.dataset.q, axis=0), np.sqrt(np.mean(ready.dataset.v**2, axis=0))
     bend = inertia * np.sqrt(np.mean(ready.acceleration**2, axis=0))
-    out, changes = sysid.ParameterDict(), []
+    changes = []
 
     def add(effect: str, key: str, value: float, low: float, high: float, write, joint=None, motor=None):
-        if effect not in held:
-            out.add(sysid.Parameter(key, value, low, high, modifier=write))
-            changes.append(Change(key, effect, joint, motor, value))
+        changes.append(Change(sysid.Parameter(key, value, low, high, modifier=write), effect, joint, motor))
 
-    for i in range(model.nv):
+    for i in range(len(inertia)):
         own, q = drawn.spec.joint(f"q{i}"), f"q{i}"
         linear = bend[i] / speed[i]
         c, k = float(own.damping[0]), float(own.stiffness[0])
@@ -204,9 +292,8 @@ def _changes(
             wide = 2.0 * abs(gear)
             add("input_gain", f"gear{i}_{j}", gear, gear - wide, gear + wide, gear_field(motor.name), i, j)
     if ready.dataset.u.shape[1]:
-        out.add(sysid.Parameter("delay", 0.0, -DELAY_S, DELAY_S))
-        changes.append(Change("delay", "input_delay", None, None, 0.0))
-    return out, changes
+        changes.append(Change(sysid.Parameter("delay", 0.0, -bench.latest_s, bench.latest_s), "input_delay"))
+    return changes
 
 
 def _inertia(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
@@ -217,31 +304,6 @@ def _inertia(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
     whole = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, whole)
     return np.diag(whole).copy()
-
-
-def _inertial(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
-    """RMS inertial force of every joint."""
-    return _inertia(model, ready) * np.sqrt(np.mean(ready.acceleration**2, axis=0))
-
-
-def _unit_force(change: Change, model: mujoco.MjModel, ready: PreparedDataset, force: np.ndarray) -> float:
-    """RMS force of a unit of change, in the inertial force of its joint; of a delay the shift it makes."""
-    record = ready.dataset
-    if change.joint is None:
-        speed = np.sqrt(np.mean(record.v**2, axis=0))
-        return float(np.max(speed / np.std(record.q, axis=0)))
-    i = change.joint
-    q, v, a = ready.smooth[:, i], record.v[:, i], ready.acceleration[:, i]
-    shape = {
-        "viscous_damping": v,
-        "quadratic_drag": np.abs(v) * v,
-        "coulomb_friction": np.ones_like(v),
-        "linear_stiffness": q,
-        "cubic_stiffness": q**3,
-        "mass_change": a,
-        "input_gain": record.u[:, change.motor or 0] if change.motor is not None else v,
-    }[change.effect]
-    return float(np.sqrt(np.mean(shape**2)) / force[i])
 
 
 def _published(

@@ -16,7 +16,7 @@ from benchmarks.gap_baselines.said import Said, write
 from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
 
-METHODS = ("chance", "ensemble_sindy", "lowest_error", "mujoco_sysid", "weak_sindy")
+METHODS = ("chance", "discrepancy_test", "ensemble_sindy", "lowest_error", "mujoco_sysid")
 Method = Callable[[Case, DiagnoseConfig], Said]
 
 
@@ -28,8 +28,8 @@ def method_of(name: str) -> Method:
     """
     if name == "chance":
         from benchmarks.gap_baselines.chance import chance as method
-    elif name == "weak_sindy":
-        from benchmarks.gap_baselines.sindy import weak_sindy as method
+    elif name == "discrepancy_test":
+        from benchmarks.gap_baselines.discrepancy_test import discrepancy_test as method
     elif name == "ensemble_sindy":
         from benchmarks.gap_baselines.sindy import ensemble_sindy as method
     elif name == "mujoco_sysid":

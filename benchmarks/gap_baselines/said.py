@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from lagsplat.diagnose.core.result import Block, Candidate, Diagnosis, Parameter, Verdict
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.report.diagnosis.content import save_rollouts
@@ -24,12 +26,24 @@ class Said:
     input: str | None = None
     parameters: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     blocks: tuple[Block, ...] = ()
-    """Its forecasts, where it makes any."""
+    """Forecasts of the held-out half, where it names an effect."""
+    others: tuple[str, ...] = ()
+    """Effects that it says act beside the first."""
 
     @property
     def first(self) -> str:
         """The most probable name, the first of equals."""
         return max(self.probability, key=lambda name: self.probability[name])
+
+
+def weigh(scores: Mapping[str, float], first: str) -> dict[str, float]:
+    """Shares of one from log likelihoods; ``first``, which a method chose, gets no less than any other."""
+    top = max(scores.values())
+    shares = {name: float(np.exp(score - top)) for name, score in scores.items()}
+    shares = {first: 0.0, **shares}
+    shares[first] = max(shares.values())
+    total = sum(shares.values())
+    return {name: share / total for name, share in shares.items()}
 
 
 def names() -> list[str]:
@@ -60,7 +74,7 @@ def diagnosis(said: Said) -> Diagnosis:
     return Diagnosis(
         verdict=verdict,
         candidates=candidates,
-        combination=(first,) if named else (),
+        combination=(first, *said.others) if named else (),
         gap=None,
         where={"coordinates": {said.coordinate: 1.0}} if named and said.coordinate else None,
         equivalent=(),

@@ -14,6 +14,7 @@ from benchmarks.gapgen.metrics import (
     largest,
     log_score,
     macro_f1,
+    match_names,
     overlap,
     parameter_errors,
     set_f1,
@@ -118,6 +119,7 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
     every = [i for i in items if i.kind == "single"]
     pairs = [i for i in items if i.kind == "pair"]
     named = [i for i in items if i.kind != "pair" and i.said.verdict != "missing"]
+    predicted = [i for i in single if i.said.verdict != "missing"]
     answered = [i for i in single if i.said.verdict not in ABSTAINED]
     right = np.array([i.among(1, whole_class=True) for i in named], float)
     confidence = np.array([i.confidence(whole_class=True) for i in named])
@@ -138,6 +140,7 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
             single, lambda i: i.said.verdict == "effect" and i.among(1, whole_class=True)
         ),
         "top1_class_answered": share(answered, lambda i: i.among(1, whole_class=True)),
+        "top1_class_predicted": share(predicted, lambda i: i.among(1, whole_class=True)),
         "top1_class_every": share(every, lambda i: i.among(1, whole_class=True)),
         "macro_f1": macro_f1(single),
         "false_alarms": share([i for i in items if i.kind == "none"], lambda i: i.said.verdict == "effect"),
@@ -148,8 +151,14 @@ def aggregate(items: list[Item]) -> dict[str, Any]:
             [i for i in items if i.kind == "outside"], lambda i: i.said.verdict == "unknown"
         ),
         "false_abstention": share(single, lambda i: i.said.verdict in ABSTAINED),
+        "unnamed_outside": share(
+            [i for i in items if i.kind == "outside"], lambda i: i.said.verdict != "effect"
+        ),
+        "unnamed": share(single, lambda i: i.said.verdict != "effect"),
+        "wrong_names": share(items, lambda i: bool(match_names(i, whole_class=True)[1])),
         "missed": share(single, lambda i: i.said.verdict == "none"),
         "ece_class": ece,
+        "calibrated": len(named),
         "ece_family": calibration(family_confidence, family)[0],
         "brier_class": brier(named, whole_class=True),
         "log_score_class": log_score(named),

@@ -1,6 +1,7 @@
 """Figures and tables of a score: confusion matrix, reliability, risk against coverage, CSV and LaTeX."""
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,17 @@ from benchmarks.gapgen.metrics import Item, risk_coverage
 ROWS = (
     ("top1_class", "top-1, class"),
     ("top2_class", "top-2, class"),
+    ("top1_class_predicted", "top-1, class, where it predicts"),
     ("top1_family", "top-1, family"),
     ("false_alarms", "false alarms"),
     ("abstention_outside", "abstention, outside"),
     ("abstention_left_out", "abstention, left out"),
     ("false_abstention", "false abstention"),
+    ("unnamed_outside", "unnamed, outside"),
+    ("unnamed", "wrongly unnamed"),
+    ("wrong_names", "recordings with a wrong or invented name"),
 )
 NUMBERS = (
-    ("ece_class", "calibration error"),
     ("brier_class", "Brier score"),
     ("macro_f1", "macro F1"),
 )
@@ -89,12 +93,18 @@ def _cell(found: Any) -> tuple[str, str]:
         if not found["n"]:
             return "", "--"
         text = f"{found['value']:.2f} [{found['low']:.2f}, {found['high']:.2f}] n={found['n']}"
-        return text, f"{found['value']:.2f} [{found['low']:.2f}, {found['high']:.2f}]"
+        return text, text.replace("n=", r"$n=$\,")
     if isinstance(found, dict):
         if not found["n"]:
             return "", "--"
-        return f"{found['median']:.3f} (p10 {found['p10']:.3f}) n={found['n']}", f"{found['median']:.2f}"
-    return ("", "--") if found is None or found != found else (f"{found:.3f}", f"{found:.3f}")
+        text = f"{found['median']:.3f} (p10 {found['p10']:.3f}) n={found['n']}"
+        return text, rf"{found['median']:.2f} $n=$\,{found['n']}"
+    return ("", "--") if found is None or found != found else (f"{found:.2f}", f"{found:.2f}")
+
+
+def _counted(value: float, n: int) -> tuple[str, str]:
+    """A number and how many recordings it is over."""
+    return (f"{value:.3f} n={n}", rf"{value:.2f} $n=$\,{n}") if n else ("", "--")
 
 
 def lines_of(
@@ -111,13 +121,38 @@ def lines_of(
             cells.append(_cell(found))
         return label, cells
 
+    def counted(label: str, count: Callable[[dict[str, Any]], tuple[float, int]]) -> Any:
+        return label, [_counted(*count(one)) if one is not None else _cell(None) for one in scores.values()]
+
+    shares = relative_wrong_names(scores)
+    label = "wrong names over those of the best baseline"
     return [
-        *(row(label, key) for key, label in (*ROWS, *NUMBERS)),
+        *(row(label, key) for key, label in ROWS),
+        (label, [_cell(share) for share in shares]),
+        counted("calibration error", lambda one: (one["ece_class"], one["calibrated"])),
+        counted("two effects, set F1", lambda one: (one["set_f1_class"]["mean"], one["set_f1_class"]["n"])),
+        *(row(label, key) for key, label in NUMBERS),
         row("closure over oracle, median", "closure_over_oracle"),
-        row("two effects, set F1", "set_f1_class", "mean"),
         *(row(f"where: {key}", "where", key) for key in ("level", "component", "coordinate")),
         row("parameter error, median", "parameters", "relative_error"),
         row("90 \\% interval covers", "parameters", "coverage"),
+    ]
+
+
+def relative_wrong_names(scores: dict[str, dict[str, Any] | None]) -> list[float | None]:
+    """Each method's share of recordings with a wrong name over that of the best baseline.
+
+    The best baseline names the most single effects right; without one, or where it names nothing wrongly,
+    there is no ratio.
+    """
+    others = {name: one for name, one in scores.items() if name != "diagnosis" and one is not None}
+    right = {name: one["top1_class"]["value"] for name, one in others.items() if one["top1_class"]["n"]}
+    if not right:
+        return [None] * len(scores)
+    best = max(right, key=lambda name: right[name])
+    least = others[best]["wrong_names"]["value"]
+    return [
+        None if one is None or not least else one["wrong_names"]["value"] / least for one in scores.values()
     ]
 
 

@@ -135,8 +135,11 @@ def log_score(items: list[Item]) -> float:
     return float(-np.log(np.clip(given, 1e-6, 1.0)).mean()) if given else float("nan")
 
 
-def set_f1(item: Item, *, whole_class: bool) -> float:
-    """F1 of the named set against the true one, each true effect matched by at most one name."""
+def match_names(item: Item, *, whole_class: bool) -> tuple[int, list[str]]:
+    """How many true effects are named, each by at most one name, and the names that are left over.
+
+    These are wrong: of another effect, or invented where there is none or nothing more.
+    """
     left = list(dict.fromkeys(item.said.combination))
     hits = 0
     for entry in item.truth["truth"]:
@@ -146,6 +149,12 @@ def set_f1(item: Item, *, whole_class: bool) -> float:
         if match:
             left.remove(match)
             hits += 1
+    return hits, left
+
+
+def set_f1(item: Item, *, whole_class: bool) -> float:
+    """F1 of the named set against the true one, each true effect matched by at most one name."""
+    hits, _ = match_names(item, whole_class=whole_class)
     named = len(set(item.said.combination))
     return 2.0 * hits / (named + len(item.truth["truth"]))
 

@@ -18,7 +18,7 @@ def heading(tier: str, scores: dict[str, Any]) -> str:
     """What a tier's rows are of."""
     opened = scores.get("submissions")
     times = "" if opened is None else f", split {scores['split']}, opened {opened} time{'s' * (opened > 1)}"
-    return f"{tier}, {TITLES.get(tier, tier)}: {scores['recordings']} recordings{times}"
+    return f"{tier}, {TITLES.get(tier, tier)}: {scores['recordings']} simulated recordings{times}"
 
 
 def tiers(folders: dict[str, Path], out: Path) -> None:

@@ -59,9 +59,11 @@ def test_every_recording_is_predicted_by_everyone(results: Path) -> None:
     found = scores(results)
     assert found["recordings"] == 9
     assert found["missing"] == 0
-    assert set(found["others"]) == {"chance", "weak_sindy"}
+    assert set(found["others"]) == {"chance", "discrepancy_test"}
     reasons = [path.read_text(encoding="utf-8") for path in (results / SPLIT).rglob("failed.txt")]
-    assert found["others"]["chance"]["missing"] == found["others"]["weak_sindy"]["missing"] == 0, reasons
+    assert found["others"]["chance"]["missing"] == found["others"]["discrepancy_test"]["missing"] == 0, (
+        reasons
+    )
     assert found["abstention_left_out"]["n"] == 1
     assert found["submissions"] == 1
 
@@ -76,9 +78,9 @@ def test_the_diagnosis_beats_chance_and_dealt_out_answers(results: Path) -> None
 def test_the_table_has_every_method(results: Path) -> None:
     with (results / f"{TABLE}.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    assert {"tier", "metric", "diagnosis", "chance", "weak_sindy"} == set(rows[0])
+    assert {"tier", "metric", "diagnosis", "chance", "discrepancy_test"} == set(rows[0])
     tex = (results / f"{TABLE}.tex").read_text(encoding="utf-8")
-    assert "T0, trajectories: 9 recordings, split toy-T0, opened 1 time" in tex
+    assert "T0, trajectories: 9 simulated recordings, split toy-T0, opened 1 time" in tex
 
 
 def test_predictions_name_the_seal_and_the_code(results: Path) -> None:

@@ -190,7 +190,7 @@ def counts(told: str) -> dict[str, int]:
 
 
 def test_the_blind_check_predicts_every_batch_once_and_films_are_encoded_first(tmp_path: Path) -> None:
-    size = "blind.t0=12 blind.t1=7 blind.batch=5 blind.left_out=6 blind.baselines=[chance,weak_sindy]"
+    size = "blind.t0=12 blind.t1=7 blind.batch=5 blind.left_out=6 blind.baselines=[chance,discrepancy_test]"
     told = planned(tmp_path, "results/tables/gap_blind.tex", "--config", f"hydra=profile=toy {size}")
     found = counts(told)
     assert {name: found[name] for name in found if name.startswith("gap")} == {

@@ -65,10 +65,9 @@ def test_what_a_method_can_express_it_names(said: Path, method: str, name: str) 
     assert document["effects"][0]["coordinate"] in ("q0", None)
 
 
-def test_only_those_who_can_say_none_do(said: Path) -> None:
-    first = {method: read(said / method / "none")["verdict"] for method in FITTING}
-    assert first["weak_sindy"] == "effect"
-    assert first["ensemble_sindy"] == "none"
+@pytest.mark.parametrize("method", FITTING)
+def test_nothing_is_named_where_nothing_changed(said: Path, method: str) -> None:
+    assert read(said / method / "none")["verdict"] in ("none", "unknown")
 
 
 @pytest.mark.parametrize("method", ["ensemble_sindy", "mujoco_sysid"])
@@ -78,13 +77,14 @@ def test_the_parameter_is_the_change_that_was_made(said: Path, method: str) -> N
     assert found["low"] < found["value"] < found["high"]
 
 
-def test_forecasts_are_kept_by_who_makes_them(said: Path) -> None:
-    prediction = read_prediction(said / "lowest_error" / "viscous_damping", [1.0])
+@pytest.mark.parametrize("method", FITTING)
+def test_a_named_effect_closes_the_gap_of_the_held_out_half(said: Path, method: str) -> None:
+    prediction = read_prediction(said / method / "coulomb_friction", [1.0])
     assert prediction.gaps is not None
     assert prediction.gaps[1] < 0.4 * prediction.gaps[0]
 
 
-@pytest.mark.parametrize("method", ["chance", "weak_sindy", "ensemble_sindy"])
+@pytest.mark.parametrize("method", ["chance", "discrepancy_test", "ensemble_sindy"])
 def test_a_prediction_depends_on_the_content_alone(
     folder: Path, said: Path, tmp_path: Path, method: str
 ) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.gap_baselines.case import open_case
+from benchmarks.gap_baselines.contest import choose_by_error
 from benchmarks.gap_baselines.predict import main, method_of
-from benchmarks.gap_baselines.said import APART, Said, diagnosis, names, write
+from benchmarks.gap_baselines.said import APART, Said, diagnosis, names, weigh, write
 from benchmarks.gapgen.predictions import read_prediction
 from tests.unit.benchmarks.cases import move, recording
 
@@ -68,6 +69,28 @@ def test_a_recording_that_is_not_one_is_passed_over(folder: Path, tmp_path: Path
     )
     assert "needs sim_*.csv" in (tmp_path / "out" / "empty" / "failed.txt").read_text()
     assert (tmp_path / "out" / "none" / "diagnosis.json").is_file()
+
+
+def test_names_beside_the_first_are_a_set(tmp_path: Path) -> None:
+    write(Said({"creep": 0.7, "end_stop": 0.3}, "q0", others=("end_stop",)), tmp_path)
+    assert read_prediction(tmp_path, [1.0]).combination == ("creep", "end_stop")
+
+
+def test_what_a_method_chose_weighs_no_less_than_the_rest() -> None:
+    weights = weigh({"none": -2.0, "creep": 0.0, "end_stop": -1.0}, "none")
+    assert sum(weights.values()) == pytest.approx(1.0)
+    assert Said(weights).first == "none"
+    assert weights["none"] == weights["creep"] > weights["end_stop"]
+
+
+@pytest.mark.parametrize(
+    ("creep", "first"), [([0.1, 0.12, 0.08], "creep"), ([0.4, 1.9, 0.3], "none"), ([2.0, 2.0, 2.0], "none")]
+)
+def test_a_name_must_err_clearly_less_than_none(creep: list[float], first: str) -> None:
+    squares = {"none": np.array([0.9, 1.0, 1.1]), "creep": np.array(creep)}
+    found, scores = choose_by_error(squares)
+    assert found == first
+    assert max(scores.values()) == 0.0
 
 
 def test_equals_keep_the_order_in_which_they_are_said() -> None:

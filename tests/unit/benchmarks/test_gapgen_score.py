@@ -97,7 +97,9 @@ def test_who_knows_everything_scores_everything(tmp_path: Path, answers: list[di
     s = scored(tmp_path, "--left-out", str(tmp_path / "nothing"))
     for name in ("top1_class", "top1_family", "top2_class", "abstention_outside", "top1_class_named"):
         assert s[name]["value"] == 1.0
-    assert s["false_alarms"]["value"] == s["false_abstention"]["value"] == s["missed"]["value"] == 0.0
+    for name in ("false_alarms", "false_abstention", "missed", "wrong_names"):
+        assert s[name]["value"] == 0.0
+    assert s["top1_class_predicted"]["n"] == s["top1_class"]["n"]
     assert s["ece_class"] == pytest.approx(0.0, abs=1e-12)
     assert s["brier_class"] == pytest.approx(0.0, abs=1e-12)
     assert s["set_f1_class"]["mean"] == s["macro_f1"] == 1.0
@@ -124,6 +126,7 @@ def test_who_always_says_the_same_is_found_out(tmp_path: Path, answers: list[dic
     s = scored(tmp_path)
     assert s["top1_class"]["value"] == pytest.approx(0.25)
     assert s["false_alarms"]["value"] == 1.0
+    assert s["wrong_names"]["value"] == pytest.approx(1.0 - 8 / 33)  # five with creep, and three pairs
     assert s["abstention_outside"]["value"] == 0.0
     assert s["ece_class"] == pytest.approx(0.9 - 1 / 6, abs=1e-9)
     assert s["by_effect"]["creep"]["value"] == 1.0
@@ -135,6 +138,7 @@ def test_silence_is_counted(tmp_path: Path, answers: list[dict[str, Any]]) -> No
     assert s["missing"] == len(answers) - 1
     assert s["false_abstention"]["value"] == 1.0
     assert s["top1_class_named"]["value"] == 0.0
+    assert s["top1_class_predicted"]["n"] == 1
     assert s["closure"]["median"] == 0.0
 
 

@@ -73,7 +73,10 @@ def scores(top1: float, **more: Any) -> dict[str, Any]:
         "recordings": 9,
         "top1_class": share(top1),
         "closure_over_oracle": middle,
-        "set_f1_class": {"mean": 0.5},
+        "set_f1_class": {"mean": 0.5, "n": 2},
+        "wrong_names": share(0.5 - 0.4 * top1),
+        "ece_class": 0.05,
+        "calibrated": 8,
         "where": where,
         "parameters": {"relative_error": middle, "coverage": share(0.9)},
     } | more
@@ -90,8 +93,13 @@ def test_all_tiers_stand_in_one_table(tmp_path: Path) -> None:
     assert rows["T0", "top-1, class"]["chance"].startswith("0.25 [0.15")
     assert rows["T1", "top-1, class"]["chance"] == ""
     assert rows["T1", "top-1, class"]["diagnosis"].startswith("0.88")
+    relative = rows["T0", "wrong names over those of the best baseline"]
+    assert float(relative["diagnosis"]) == pytest.approx(0.15 / 0.4, abs=0.01)
+    assert float(relative["chance"]) == 1.0
+    assert rows["T1", "wrong names over those of the best baseline"]["diagnosis"] == ""
+    assert rows["T0", "calibration error"]["chance"] == "0.050 n=8"
     tex = (tmp_path / "table.tex").read_text()
-    assert "9 recordings, split blind, opened 2 times" in tex
+    assert "9 simulated recordings, split blind, opened 2 times" in tex
     assert tex.count(r"\midrule") == 2
     body = [line for line in tex.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert {line.count("&") for line in body} == {2}
