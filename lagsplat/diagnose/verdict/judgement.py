@@ -36,7 +36,8 @@ def judge_alternatives(
     """Weigh the alternatives by a calibrated model.
 
     The probability of a set counts for that of its effects which has the most evidence alone, so that each
-    name has the probability of being the main cause. Names of the ``catalogue`` that were not fitted have none.
+    name has the probability of being the main cause. Names of the ``catalogue`` that were not fitted have
+    none.
     """
     chances = np.exp(model.log_probabilities(compute_features(alternatives)))
     names = [m.names for m in alternatives.measures]
