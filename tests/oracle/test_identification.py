@@ -49,11 +49,9 @@ def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float
     mechanism, begun, inputs, seconds = CASES[name]
     made = [film(mechanism, seconds, inputs=inputs, finer=2, **one) for one in begun]
     rng = np.random.default_rng(1)
+    sigma = noise * np.concatenate([m.q for m in made]).std(axis=0)  # of one sensor, whatever the motion
     seen = [
-        Trajectory(
-            m.time_s, m.q + noise * m.q.std(axis=0) * rng.standard_normal(m.q.shape), m.u, source=m.source
-        )
-        for m in made
+        Trajectory(m.time_s, m.q + sigma * rng.standard_normal(m.q.shape), m.u, source=m.source) for m in made
     ]
     sim = estimate_simulator(seen, settings())
     assert error(mechanism, sim, made) < bound

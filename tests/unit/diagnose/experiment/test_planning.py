@@ -8,7 +8,7 @@ import pytest
 from lagsplat.diagnose.core.config import EXPERIMENT
 from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
-from lagsplat.diagnose.effects.dynamics import quadratic_drag, viscous_damping
+from lagsplat.diagnose.effects.friction import quadratic_drag, viscous_damping
 from lagsplat.diagnose.effects.measurement import time_jitter
 from lagsplat.diagnose.experiment.planning import plan_experiments, select_leaders
 from lagsplat.diagnose.inference.model_selection import ModelRanking

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
-from lagsplat.diagnose.effects.dynamics import creep, linear_stiffness, mass_change
+from lagsplat.diagnose.effects.elasticity import creep, linear_stiffness
+from lagsplat.diagnose.effects.inertia import mass_change
 from lagsplat.diagnose.experiment.candidates import Experiment
 from lagsplat.diagnose.experiment.separation import FittedHypothesis, compute_separation, simulate_experiment
 from lagsplat.diagnose.inference.placement import measure_motion_scales

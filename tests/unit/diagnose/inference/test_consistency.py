@@ -8,7 +8,8 @@ import pytest
 
 from lagsplat.diagnose.core.result import FileAgreement
 from lagsplat.diagnose.effects.base import Direction, PlacedEffect
-from lagsplat.diagnose.effects.dynamics import constant_force, linear_stiffness
+from lagsplat.diagnose.effects.elasticity import linear_stiffness
+from lagsplat.diagnose.effects.external import constant_force
 from lagsplat.diagnose.inference.consistency import check_files, locate_files
 from lagsplat.diagnose.inference.placement import measure_motion_scales
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit

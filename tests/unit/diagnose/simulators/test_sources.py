@@ -91,10 +91,10 @@ def test_what_is_not_there_is_said(argument: str) -> None:
 
 
 def test_what_is_not_known_is_said(tmp_path: Path) -> None:
-    (tmp_path / "a.mat").write_text("")
+    (tmp_path / "a.xyz").write_text("")
     (tmp_path / "a.npz").write_text("")
-    with pytest.raises(ValueError, match=r"\.mat is neither a trajectory"):
-        find_sources(str(tmp_path / "a.mat"))
+    with pytest.raises(ValueError, match=r"\.xyz is neither a trajectory"):
+        find_sources(str(tmp_path / "a.xyz"))
     with pytest.raises(ValueError, match="damaged or not an NPZ"):
         find_sources(str(tmp_path / "a.npz"))
     (tmp_path / "arm.py").write_text("")
