@@ -14,13 +14,87 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-from lagsplat.diagnose.mechanics.basis import evaluate_basis_curvature, find_highest_power
-from lagsplat.diagnose.solvers.runge_kutta import (
-    DIVERGED_SCALES,
-    compute_forces,
-    factorize_cholesky,
-    solve_cholesky,
-)
+from lagsplat.diagnose.mechanics.basis import evaluate_basis, evaluate_basis_curvature, find_highest_power
+from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES, MIN_PIVOT
+
+
+@njit(cache=True)
+@no_type_check
+def _factorize_cholesky(a, d):
+    """Overwrite the lower triangle of a symmetric ``a`` (d, d) with its Cholesky factor, compiled."""
+    for j in range(d):
+        for k in range(j):
+            a[j, j] -= a[j, k] * a[j, k]
+        a[j, j] = math.sqrt(max(a[j, j], MIN_PIVOT))
+        for i in range(j + 1, d):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] /= a[j, j]
+
+
+@njit(cache=True)
+@no_type_check
+def _solve_cholesky(a, b, d):
+    """Overwrite the second half of ``b`` (2 d,) with the solution for the Cholesky factor ``a``, compiled."""
+    for i in range(d):
+        for k in range(i):
+            b[d + i] -= a[i, k] * b[d + k]
+        b[d + i] /= a[i, i]
+    for i in range(d - 1, -1, -1):
+        for k in range(i + 1, d):
+            b[d + i] -= a[k, i] * b[d + k]
+        b[d + i] /= a[i, i]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
+    """Write velocities and generalised forces of the simulator into ``rate``, its mass into ``m``, compiled.
+
+    Args:
+        basis: kind, order, centre and scale of the basis.
+        fields: mass, damping, potential, input map, dry friction, drag, friction width and rest.
+        state, u: coordinates and velocities (2 d,), more may follow; inputs (n_u,).
+        rate, work: velocities and forces (2 d,), conservative and actuated forces (2 d,), written.
+        m: the mass matrix (d, d), of which the lower triangle is written.
+        phi, slope, powers: scratch for the basis (K,), (d, K), and as `evaluate_basis` takes it.
+    """
+    kind, order, centre, scale = basis
+    mass, damping, potential, input_map, dry, drag, width, rest = fields
+    d, n_u = rest.shape[0], input_map.shape[0]
+    evaluate_basis(kind, order, centre, scale, state, powers, phi, slope.T)
+    for i in range(d):
+        rate[i] = state[d + i]
+        rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
+        if dry[i] != 0.0:
+            rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
+        spring, drive = 0.0, 0.0
+        for k in range(potential.shape[0]):
+            spring -= potential[k] * slope[i, k]
+        for c in range(n_u):
+            for k in range(input_map.shape[2]):
+                drive += phi[k] * input_map[c, i, k] * u[c]
+        work[i], work[d + i] = spring, drive
+        rate[d + i] += spring + drive
+        for j in range(d):
+            loss = 0.0
+            for k in range(damping.shape[2]):
+                loss += phi[k] * damping[i, j, k]
+            rate[d + i] -= loss * state[d + j]
+    for i in range(d):
+        for j in range(i + 1):
+            inert = 0.0
+            for k in range(mass.shape[2]):
+                inert += phi[k] * mass[i, j, k]
+            m[i, j] = inert
+            for n in range(d):
+                change = 0.0
+                for k in range(mass.shape[2]):
+                    change += slope[n, k] * mass[i, j, k]
+                rate[d + i] -= state[d + n] * change * state[d + j]
+                rate[d + n] += (0.5 if i == j else 1.0) * state[d + i] * change * state[d + j]
+                if i != j:
+                    rate[d + j] -= state[d + n] * change * state[d + i]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -125,7 +199,7 @@ def _tangent(jacobian, m, g, s, unit, rate):
     for j in range(d):
         unit[:] = 0.0
         unit[d + j] = 1.0
-        solve_cholesky(m, unit, d)
+        _solve_cholesky(m, unit, d)
         for i in range(d):
             factor = unit[d + i]
             for c in range(n):
@@ -138,9 +212,9 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
     """Write the rates of the state ``x`` (2 d,) and of its sensitivities ``s`` (2 d, C)."""
     phi, slope, curvature, powers, parts, jacobian, m, work, unit, g = scratch
     d = m.shape[0]
-    compute_forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
-    factorize_cholesky(m, d)
-    solve_cholesky(m, rate, d)
+    _compute_forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
+    _factorize_cholesky(m, d)
+    _solve_cholesky(m, rate, d)
     evaluate_basis_curvature(basis[0], basis[1], basis[3], powers, phi, curvature)
     _jacobian(fields, x, u, rate, phi, slope, curvature, parts, jacobian)
     g[:] = 0.0
