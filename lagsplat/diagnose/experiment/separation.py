@@ -18,7 +18,12 @@ from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import FILE_BREAK_S, Dataset, cut_windows
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.experiment.candidates import Experiment, RecordedRange
-from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, make_joint_prior
+from lagsplat.diagnose.inference.problem import (
+    EstimationProblem,
+    HypothesisFit,
+    compute_precision,
+    make_joint_prior,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class FittedHypothesis:
         These say where a memory began in it.
         """
         prior, fit = make_joint_prior(hypothesis.fitted, problem.rollout_model), hypothesis.fit
-        precision = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
+        precision = compute_precision(fit, prior, noise_inflation)
         effects: list[PlacedEffect] = []
         kept: list[int] = []
         at = 0

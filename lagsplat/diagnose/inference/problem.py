@@ -329,6 +329,13 @@ class HypothesisFit:
         return self.fit.slopes[..., self.n_effect_parameters :], self.fit.start_slopes
 
 
+def compute_precision(
+    fit: shooting.ShootingFit, prior: shooting.GaussianPrior, noise_inflation: float
+) -> Float64[np.ndarray, "k k"]:
+    """Inverse covariance of all parameters by Laplace's approximation."""
+    return fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
+
+
 def compute_log_evidence(
     hypothesis: HypothesisFit, rollout_model: RolloutModel, noise_inflation: float
 ) -> float:
@@ -343,7 +350,7 @@ def compute_log_evidence(
     nuisance = fit.x[len(effect_priors) :] / deviation
     nuisance_log_prior = -0.5 * float(nuisance @ nuisance) - float(np.log(deviation).sum())
     nuisance_log_prior -= 0.5 * len(nuisance) * np.log(2.0 * np.pi)
-    h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
+    h = compute_precision(fit, prior, noise_inflation)
     sign, log_det = np.linalg.slogdet(h)
     if sign <= 0:
         log_det = float(np.log(np.maximum(np.linalg.eigvalsh(h), 1e-12)).sum())

@@ -13,15 +13,20 @@ from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.effects.parameters import UNITS
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import Dataset
-from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, make_joint_prior
+from lagsplat.diagnose.inference.problem import (
+    EstimationProblem,
+    HypothesisFit,
+    compute_precision,
+    make_joint_prior,
+)
 
 
 def compute_posterior_deviations(
     fit: shooting.ShootingFit, prior: shooting.GaussianPrior, noise_inflation: float
 ) -> Float64[np.ndarray, " k"]:
     """Standard deviations of all parameters by Laplace's approximation."""
-    h = fit.curvature / noise_inflation + np.diag(1.0 / prior.deviation**2)
-    return np.sqrt(np.maximum(np.diag(np.linalg.pinv(h)), 0.0))
+    covariance = np.linalg.pinv(compute_precision(fit, prior, noise_inflation))
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def compute_laplace_interval(
