@@ -19,7 +19,7 @@ from benchmarks.gap_baselines.contest import Place, open_contest
 from benchmarks.gap_baselines.residual import Weak, compute_residual, compute_weak_form
 from benchmarks.gap_baselines.said import Said, weigh
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.inference.problem import compute_autocorrelation_time
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 
 FALSE_DISCOVERIES = 0.05
 """Expected share of false ones among the terms that are named."""

@@ -212,8 +212,11 @@ def _try_held_inputs(
     if not moving.size or np.mean(moving == 0.0) < CALIBRATION_CHECKS.min_repeated_share:
         return None
     with_hold = estimate_simulator(nominal, replace(config, input_hold="zoh"))
-    if with_hold.window_scale == known.window_scale and with_hold.outlier_spans == known.outlier_spans:
-        better = with_hold.bic < known.bic - CALIBRATION_CHECKS.min_criterion_gain
+    same_data = (
+        with_hold.window_scale == known.window_scale and with_hold.outlier_spans == known.outlier_spans
+    )
+    if same_data and with_hold.criterion and known.criterion:
+        better = with_hold.criterion.exceed(known.criterion) < -CALIBRATION_CHECKS.min_criterion_gain
     else:
         better = with_hold.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
     return with_hold if better else None

@@ -144,6 +144,8 @@ class DISCONTINUITIES:
     max_lost_frames: float = 10.5  # frames that a camera loses at once, at most [count]
     min_gap_steps: float = 3.0  # length of a gap, in sampling steps [1]
     min_gap_periods: float = 0.125  # length of a gap, in natural periods [1]; a gap exceeds both
+    missing_steps: float = 1.5  # step in time, over the usual, from which on a sample is missing [1]
+    max_input_error: float = 0.1  # error of an input that is interpolated across a gap, over its rms [1]
     min_hold_periods: float = 0.4  # duration of a hold [natural periods]
     min_hold_offset: float = 0.7  # distance of a hold from the middle of the next swing, in amplitudes [1]
     max_hold_motion: float = 0.2  # motion during a hold, in amplitudes of the swing after it [1]
@@ -447,8 +449,7 @@ class SELECTION:
     """Search over effects, sets of several effects, and their fits."""
 
     trial_iterations: int = 4  # iterations after which fits are compared and poor ones given up; 9b038105
-    continued_fits: int = 8  # best fits that are continued [count]; 9b038105
-    continued_sets: int = 2  # the same where a further effect is sought [count]; 9b038105
+    continued_sets: int = 2  # best fits that are continued where a further effect is sought [count]; 9b038105
     refined_sets: int = 1  # of these, fits that are refined to convergence [count]; 9b038105
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78
     refined_iterations: int = 5  # iterations of a refined fit, over those of the first fit [1]; c12aa78

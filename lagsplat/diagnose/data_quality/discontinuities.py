@@ -31,17 +31,38 @@ class _Jump:
 
 
 def cut_gaps(motion: Trajectory, *, period_s: float | None) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """Cut the motion where samples are missing for longer than it can be interpolated."""
+    """Cut the motion where samples are missing for longer than it, or its inputs, can be interpolated."""
     step = np.diff(motion.time_s)
     shortest_s = DISCONTINUITIES.min_gap_steps * motion.dt_s
     limit = max(shortest_s, DISCONTINUITIES.min_gap_periods * (period_s or 0.0))
-    torn = 1 + np.flatnonzero(motion.joined & (step > limit))
+    torn = 1 + np.flatnonzero(motion.joined & (step > limit) | _find_unknown_inputs(motion))
     if not torn.size:
         return motion, ()
-    where = ", ".join(f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4])
-    what = f"{len(torn)} gap(s) of more than {limit:.3g} s ({where}{', ...' if len(torn) > 4 else ''})"
+    where = [f"{step[k - 1]:.3g} s after {motion.time_s[k - 1]:.6g} s" for k in torn[:4]]
+    more = ", ..." if len(torn) > 4 else ""
+    what = f"{len(torn)} gap(s) longer than {limit:.3g} s or with a bent input ({', '.join(where)}{more})"
     why, remedy = "what acted in between is not known", "it is cut there and nothing is continued across"
-    return motion.cut(torn.tolist()), (Finding("warn", "gap", motion.source, what, why, remedy),)
+    cut = motion.cut(torn.tolist())
+    long = [(a, b) for a, b in cut.segments if b - a >= DISCONTINUITIES.polynomial_samples]
+    finding = Finding("warn", "gap", motion.source, what, why, remedy)
+    return cut.pieces(long) if long else cut, (finding,)
+
+
+def _find_unknown_inputs(motion: Trajectory) -> Bool[np.ndarray, " n-1"]:
+    """Steps with missing samples across which an input bends, so that its course in between is not known.
+
+    A straight line through the samples beside a gap misses a smooth input in the middle by a quarter of what
+    an extrapolation from either side misses at the other, and one that steps by more.
+    """
+    step, unknown = np.diff(motion.time_s), np.zeros(motion.n - 1, dtype=bool)
+    rate = np.diff(motion.u, axis=0) / step[:, None]
+    limit = 4.0 * DISCONTINUITIES.max_input_error * np.std(motion.u, axis=0)
+    joined = motion.joined
+    for k in np.flatnonzero(joined & (step > DISCONTINUITIES.missing_steps * motion.dt_s)):
+        beside = [at for at in (k - 1, k + 1) if 0 <= at < len(step) and joined[at]]
+        miss = np.abs(rate[k] - rate[beside]).max(axis=0, initial=0.0) * step[k]
+        unknown[k] = bool((miss > limit).any())
+    return unknown
 
 
 def cut_jumps(

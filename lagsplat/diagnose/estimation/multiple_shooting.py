@@ -223,3 +223,19 @@ def _step(
             return new, new_starts, misfit, penalty, max(damping * 0.2, 1e-9)
         damping = min(damping * 8.0 + 1e-6, 1e9)
     return None
+
+
+def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
+    """Samples that count as one: the two-sided sum of the autocorrelation to its first zero.
+
+    Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
+    """
+    power = float(sum((row[:n] ** 2).sum() for row, n in zip(residual, length, strict=True)))
+    total = 1.0
+    for lag in range(1, residual.shape[1]):
+        rows = [row[: n - lag] * row[lag:n] for row, n in zip(residual, length, strict=True) if n > lag]
+        share = float(sum(row.sum() for row in rows)) / max(power, 1e-300)
+        if share <= 0.0:
+            break
+        total += 2.0 * share
+    return total

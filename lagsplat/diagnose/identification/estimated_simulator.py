@@ -10,7 +10,11 @@ from lagsplat.diagnose.core.config import IDENTIFICATION, NOVELTY, DiagnoseConfi
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation import dataset
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, drop_outlier_windows
-from lagsplat.diagnose.identification.structure_search import IdentifiedModel, identify_model
+from lagsplat.diagnose.identification.structure_search import (
+    IdentifiedModel,
+    InformationCriterion,
+    identify_model,
+)
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import flatten_coefficients
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -29,7 +33,7 @@ class EstimatedSimulator:
     novelty_detector: NoveltyDetector | None = None  # where windows unlike its own are to be left out
     outlier_spans: tuple[dataset.FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
-    bic: float = np.nan  # Bayesian information criterion of the model, if it was identified
+    criterion: InformationCriterion | None = None  # of the model, if it was identified
 
     @classmethod
     def exact(cls, model: MechanicalModel) -> "EstimatedSimulator":
@@ -64,9 +68,10 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
             model,
             identified.uncertainty_directions,
             identified.misfit,
+            correlation=identified.criterion.correlation,
             window_scale=scale,
             outlier_spans=(*without, *dataset.locate_windows(outliers, ready.dataset)),
-            bic=identified.bic,
+            criterion=identified.criterion,
         )
 
     usual = fit_windows(1.0)

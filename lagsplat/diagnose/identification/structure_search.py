@@ -21,6 +21,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
     ShootingFit,
+    compute_autocorrelation_time,
     eliminate_starts,
     fit_multiple_shooting,
 )
@@ -43,10 +44,35 @@ from lagsplat.diagnose.mechanics.structure import (
 
 
 @dataclass(frozen=True)
+class InformationCriterion:
+    """What the Bayesian information criterion of a fit is made of.
+
+    Of correlated noise ``correlation`` samples count as one. What the better of two fits leaves is nearer the
+    noise, so that two fits are compared at the smaller of their correlations.
+    """
+
+    misfit: float  # sum of the squared residuals [noise variances]
+    n_data: float  # degrees of freedom of the data
+    n_free: int  # coefficients
+    correlation: float  # samples of the residual that count as one
+
+    def evaluate(self, correlation: float) -> float:
+        """The criterion where so many samples count as one."""
+        n = self.n_data / correlation
+        # a misfit below half the noise's variance is overfitting and gains nothing
+        return n * float(np.log(max(self.misfit / self.n_data, 0.5))) + self.n_free * float(np.log(n))
+
+    def exceed(self, other: "InformationCriterion") -> float:
+        """How far the criterion is above that of another fit to the same data."""
+        correlation = min(self.correlation, other.correlation)
+        return self.evaluate(correlation) - other.evaluate(correlation)
+
+
+@dataclass(frozen=True)
 class StructureFit:
     """A model of a certain structure, refined by multiple shooting."""
 
-    bic: float  # Bayesian information criterion
+    criterion: InformationCriterion
     model: MechanicalModel
     structure: ModelStructure
     fit: ShootingFit
@@ -63,7 +89,7 @@ class IdentifiedModel:
     uncertainty_directions: Float64[np.ndarray, "R K"]  # changes by one standard deviation, the largest first
     fit: ShootingFit
     windows: WindowSet
-    bic: float  # Bayesian information criterion
+    criterion: InformationCriterion
 
 
 @dataclass(frozen=True)
@@ -135,18 +161,15 @@ class IdentificationProblem:
         fit = self.fit_moves(model, no_moves, self.initial_states, make_weak_prior(0), iterations=4)
         return fit.misfit if np.isfinite(fit.misfit) else np.inf
 
-    def compute_bic(self, misfit: float, n: int) -> float:
-        """Bayesian information criterion of ``n`` coefficients."""
-        # a misfit below half the noise's variance is overfitting and gains nothing
-        return self.n_data * np.log(max(misfit / self.n_data, 0.5)) + n * np.log(self.n_data)
-
     def refine(self, model: MechanicalModel, structure: ModelStructure, starts: np.ndarray) -> StructureFit:
         """Refine all free coefficients by multiple shooting."""
         moves = list_free_directions(model, structure, self.speed)
         prior = make_weak_prior(len(moves))
         fit = self.fit_moves(model, moves, starts, prior, iterations=self.config.identify_iterations)
         refined = shift_coefficients(model, fit.x @ moves)
-        return StructureFit(self.compute_bic(fit.misfit, len(moves)), refined, structure, fit, moves)
+        correlation = compute_autocorrelation_time(fit.residual, self.windows.length)
+        criterion = InformationCriterion(fit.misfit, self.n_data, len(moves), correlation)
+        return StructureFit(criterion, refined, structure, fit, moves)
 
 
 def make_weak_prior(n: int) -> GaussianPrior:
@@ -173,9 +196,9 @@ def _principal_axes(scatter: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, 
     return (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1]
 
 
-def predict_bics(
+def predict_criteria(
     problem: IdentificationProblem, best: StructureFit, larger: list[ModelStructure]
-) -> list[float]:
+) -> list[InformationCriterion]:
     """Predict the criterion of each larger structure, from a single linearisation for all."""
     union = ModelStructure(
         mass=max(f.mass for f in larger),
@@ -194,11 +217,10 @@ def predict_bics(
         free = list_free_directions(small, structure, problem.speed)
         kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / IDENTIFICATION.coefficient_deviation**2
-        if not np.isfinite(h).all():  # a diverged rollout foretells nothing
-            predicted.append(np.inf)
-            continue
-        gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
-        predicted.append(problem.compute_bic(best.fit.misfit - gain, len(kept)))
+        gain = -np.inf  # a diverged rollout foretells nothing
+        if np.isfinite(h).all():
+            gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
+        predicted.append(replace(best.criterion, misfit=best.fit.misfit - gain, n_free=len(kept)))
     return predicted
 
 
@@ -218,9 +240,10 @@ def fit_first_model(
 ) -> MechanicalModel:
     """A model of a given structure by weak-form regression with test functions ``test_s`` [s] wide.
 
-    With many coordinates some oscillate much faster than others, so that no single test function suits all,
-    and have so little inertia that a ridge would outweigh it: models by several test functions and ridges
-    are then compared by their misfit.
+    Forces are regressed with a weak and with a strong ridge, as noise may leave hardly any inertia in some
+    direction, and accelerations; the model with the least misfit is taken. With many coordinates some
+    oscillate much faster than others, so that no single test function suits all, and have so little inertia
+    that a ridge would outweigh it: several test functions and ridges are then compared.
     """
     rest, ridge = np.median(problem.dataset.q, axis=0), problem.config.identify_ridge
 
@@ -230,16 +253,18 @@ def fit_first_model(
         )
         rows, known, names = weak_form.build_regressors(samples, structure)
         fits = [weak_form.solve_ridge(rows, known, ridge) for ridge in ridges]
-        return [weak_form.build_model(samples, structure, fit, names, rest) for fit in fits]
+        models = [weak_form.build_model(samples, structure, fit, names, rest) for fit in fits]
+        explicit = weak_form.fit_explicit_model(samples, structure, ridge, rest)
+        return models if explicit is None else [*models, explicit]
 
-    if problem.dataset.d > MAX_FEW_COORDINATES:
-        models = [
-            m for share in IDENTIFICATION.test_width_factors for m in regress(share, ridge, 1e-3 * ridge)
-        ]
-        return min(models, key=problem.compute_misfit)
-    model, damped = regress(1.0, ridge, 0.1)
-    # noise may leave hardly any inertia in some direction, so that rollouts diverge: a strong ridge helps
-    return model if np.linalg.eigvalsh(model.mass[0]).min() >= 0.05 else damped
+    if problem.dataset.d == 1:
+        return regress(1.0, ridge)[0]
+    if problem.dataset.d <= MAX_FEW_COORDINATES:
+        return min(regress(1.0, ridge, 0.1), key=problem.compute_misfit)
+    shares = IDENTIFICATION.test_width_factors
+    return min(
+        (m for share in shares for m in regress(share, ridge, 1e-3 * ridge)), key=problem.compute_misfit
+    )
 
 
 def search_structure(problem: IdentificationProblem, basis: Basis, test_s: float) -> StructureFit:
@@ -248,18 +273,21 @@ def search_structure(problem: IdentificationProblem, basis: Basis, test_s: float
     structure = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
     first = fit_first_model(problem, basis, structure, test_s)
     best = problem.refine(first, structure, problem.initial_states)
-    refused = set[ModelStructure]()
+    refused, correlation = set[ModelStructure](), best.criterion.correlation
     while True:
         larger = [f for f in list_larger_structures(best.structure, basis, driven=driven) if f not in refused]
         # a residual below the noise leaves nothing to explain
         if not larger or best.fit.misfit < 0.6 * problem.n_data:
             return best
-        predicted = zip(predict_bics(problem, best, larger), larger, strict=True)
-        bic, structure = min(predicted, key=lambda row: (row[0], row[1].order))
-        if bic > best.bic:
+        known = replace(best.criterion, correlation=correlation)
+        predicted = zip(predict_criteria(problem, best, larger), larger, strict=True)
+        ahead = [(criterion.exceed(known), structure) for criterion, structure in predicted]
+        excess, structure = min(ahead, key=lambda row: (row[0], row[1].order))
+        if excess > 0.0:
             return best
         candidate = problem.refine(pad_model(best.model, structure), structure, best.fit.starts)
-        if candidate.bic < best.bic:
+        correlation = min(correlation, candidate.criterion.correlation)
+        if candidate.criterion.exceed(known) < 0.0:
             reduction = 1.0 - IDENTIFICATION.min_misfit_reduction
             worthwhile = candidate.fit.misfit < reduction * best.fit.misfit
             best = candidate
@@ -304,19 +332,20 @@ def identify_model(
         # down to the noise, no other basis can be better
         if candidates[-1].fit.misfit < 1.1 * problem.n_data:
             break
-    best = min(candidates, key=lambda candidate: candidate.bic)
+    correlation = min(candidate.criterion.correlation for candidate in candidates)
+    best = min(candidates, key=lambda candidate: candidate.criterion.evaluate(correlation))
     misfit = best.fit.misfit / max(problem.n_data - len(best.moves), 1.0)
     model, curvature, moves = best.model.trim_basis(), best.fit.curvature, best.moves
     if dataset.d <= MAX_FEW_COORDINATES:
         model, curvature, moves = add_unseen_terms(problem, best)
     freedom = list_uncertain_directions(
-        curvature / max(misfit, 1.0), moves, deviation=IDENTIFICATION.coefficient_deviation
+        curvature / (max(misfit, 1.0) * correlation), moves, deviation=IDENTIFICATION.coefficient_deviation
     )
     decoupled, remaining = decouple_inertia(model, freedom)
     limit = IDENTIFICATION.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
     if decoupled is not model and problem.compute_misfit(decoupled) < limit:
         model, freedom = decoupled, remaining
-    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.bic)
+    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.criterion)
 
 
 def decouple_inertia(

@@ -12,9 +12,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.estimation.dataset import Dataset
-from lagsplat.diagnose.mechanics.basis import Basis
+from lagsplat.diagnose.mechanics.basis import POWER, Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import ModelStructure
+
+INERTIA_PRIOR = 0.1  # weight of a unit inertia beside the symmetry of stiffness and damping [1]
+MIN_INERTIA = 0.05  # smallest principal inertia in scaled coordinates, over the largest [1]
 
 
 @dataclass(frozen=True)
@@ -141,3 +144,70 @@ def solve_ridge(rows: np.ndarray, known: np.ndarray, ridge: float) -> Float64[np
     a = rows / size
     gram = a.T @ a / len(a)
     return np.linalg.solve(gram + ridge * np.eye(len(size)), a.T @ known / len(a)) / size
+
+
+def fit_explicit_model(
+    samples: WeakFormSamples, structure: ModelStructure, ridge: float, rest: np.ndarray
+) -> MechanicalModel | None:
+    """A linear model from the regression of the accelerations, instead of the forces.
+
+    Where coordinates move together, as a cart and the pole that swings on it, the regression of forces may
+    find one equation twice, with hardly any inertia across it. Accelerations are never trivial so. Of all
+    symmetric inertias the one is taken that makes stiffness and damping most nearly symmetric.
+
+    Returns:
+        None where the potential of this structure is not a quadratic one.
+    """
+    basis, u, d = samples.basis, samples.dataset.u, samples.q.shape[1]
+    order = basis.order[: structure.potential]
+    if (basis.kind[: len(order)] != POWER).any() or order.sum(axis=1).max() != 2:
+        return None
+    x, rate = (samples.q - basis.centre) / basis.scale, samples.dataset.v / basis.scale
+    columns = np.concatenate([np.ones((len(x), 1)), x, rate, u], axis=1)
+    rows = np.array([value @ columns[frames] for frames, value, _ in samples.tests])
+    known = np.array([-slope @ rate[frames] for frames, _, slope in samples.tests])
+    solved = np.array([solve_ridge(rows, known[:, i], ridge) for i in range(d)])
+    force, stiffness, damping, gain = np.split(solved, [1, 1 + d, 1 + 2 * d], axis=1)
+    inertia = _find_symmetrizer(stiffness, damping)
+    unit = np.outer(1.0 / basis.scale, 1.0 / basis.scale)
+    inertia *= d / float(np.trace(inertia * unit))
+    stiffness, damping = (-0.5 * (inertia @ a + (inertia @ a).T) for a in (stiffness, damping))
+    potential = np.zeros(len(order))
+    for k, powers in enumerate(order):
+        at = np.repeat(np.arange(d), powers)
+        if len(at) == 1:
+            potential[k] = -(inertia @ force)[at[0], 0]
+        elif len(at) == 2:
+            potential[k] = stiffness[at[0], at[1]] * (0.5 if at[0] == at[1] else 1.0)
+    return MechanicalModel(
+        basis=basis,
+        width=samples.width,
+        rest=rest,
+        mass=_pad_rows(inertia * unit, structure.mass),
+        damping=_pad_rows(damping * unit, structure.damping),
+        potential=potential,
+        input_map=_pad_rows((inertia @ gain).T / basis.scale, structure.input_map),
+        dry=np.zeros(d),
+        drag=np.zeros(d),
+    )
+
+
+def _pad_rows(first: np.ndarray, n: int) -> np.ndarray:
+    """Coefficients of ``n`` functions, all zero but those of the constant."""
+    return np.concatenate([first[None], np.zeros((n, *first.shape))])[:n]
+
+
+def _find_symmetrizer(*matrices: np.ndarray) -> Float64[np.ndarray, "d d"]:
+    """The positive matrix near the unit one whose products with ``matrices`` are most symmetric."""
+    d = len(matrices[0])
+    units = np.array([np.eye(d)[[i]].T @ np.eye(d)[[j]] for i in range(d) for j in range(i, d)])
+    units = np.maximum(units, units.mT)
+    rows = [INERTIA_PRIOR * units.reshape(len(units), -1).T]
+    for a in matrices:
+        product = units @ a / max(float(np.linalg.norm(a)), 1e-300)
+        rows.append((product - product.mT).reshape(len(units), -1).T)
+    known = np.zeros(d * d * len(rows))
+    known[: d * d] = INERTIA_PRIOR * np.eye(d).ravel()
+    inertia = np.tensordot(np.linalg.lstsq(np.concatenate(rows), known)[0], units, axes=1)
+    values, vectors = np.linalg.eigh(inertia)
+    return (vectors * np.maximum(values, MIN_INERTIA * values.max())) @ vectors.T

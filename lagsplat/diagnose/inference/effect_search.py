@@ -13,11 +13,11 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import PlacedEffect
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
     HypothesisFit,
-    compute_autocorrelation_time,
     compute_excess_penalty,
     compute_log_evidence,
 )

@@ -130,7 +130,7 @@ class SearchBudget:
     """Log evidence that effects gain by the sim's own errors [nat]; it is subtracted."""
     correlation: float = 0.0
     """Samples that count as one in the residual of the best explanation, where that leaves much [1]."""
-    continued: int = SELECTION.continued_fits  # best fits that are continued after a trial [count]
+    continued: int | None = None  # best fits that are continued after a trial [count], None for all
     refined: int = SELECTION.refined_fits  # best fits that are refined to convergence [count]
 
     @property
@@ -201,7 +201,7 @@ def finish_fits(
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
 ) -> ModelRanking:
-    """Continue the best of briefly fitted hypotheses, refine the best of these, and rank all."""
+    """Continue briefly fitted hypotheses, refine the best of them, and rank all."""
     for finish, n in ((continue_fit, budget.continued), (refine_fit, budget.refined)):
         found = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)
         found[:n] = [finish(problem, hypothesis) for hypothesis in found[:n]]

@@ -17,6 +17,7 @@ from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_peri
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -266,22 +267,6 @@ def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> Estim
     fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
     left = (fit.misfit + compute_excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
     return replace(sim, misfit=left, correlation=compute_autocorrelation_time(fit.residual, length))
-
-
-def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
-    """Samples that count as one: the two-sided sum of the autocorrelation to its first zero.
-
-    Source: the integrated autocorrelation time with the initial positive sequence (Geyer 1992).
-    """
-    power = float(sum((row[:n] ** 2).sum() for row, n in zip(residual, length, strict=True)))
-    total = 1.0
-    for lag in range(1, residual.shape[1]):
-        rows = [row[: n - lag] * row[lag:n] for row, n in zip(residual, length, strict=True) if n > lag]
-        share = float(sum(row.sum() for row in rows)) / max(power, 1e-300)
-        if share <= 0.0:
-            break
-        total += 2.0 * share
-    return total
 
 
 @dataclass(frozen=True)

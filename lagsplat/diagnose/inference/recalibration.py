@@ -14,7 +14,11 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import RECALIBRATION, DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
-from lagsplat.diagnose.estimation.multiple_shooting import GaussianPrior, ShootingFit
+from lagsplat.diagnose.estimation.multiple_shooting import (
+    GaussianPrior,
+    ShootingFit,
+    compute_autocorrelation_time,
+)
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, window_features
 from lagsplat.diagnose.identification.structure_search import IdentificationProblem, list_uncertain_directions
@@ -23,7 +27,6 @@ from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
     build_problem,
-    compute_autocorrelation_time,
     estimate_natural_periods,
 )
 from lagsplat.diagnose.mechanics import structure

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagsplat.diagnose.core.config import PROBLEM, VERDICT
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.inference.effect_search import EffectSearch
 from lagsplat.diagnose.inference.holdout import HeldOutBlocks
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
     HypothesisFit,
-    compute_autocorrelation_time,
     compute_excess_penalty,
     compute_log_evidence,
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lagsplat.diagnose.inference.problem import compute_autocorrelation_time
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 
 RNG = np.random.default_rng(5)
 
