@@ -2,8 +2,9 @@
 
 Run as ``python -m benchmarks.calibration.measure --split DIR --out FILE``, where ``DIR`` is a public split of
 `benchmarks.gapgen.make`. Every recording with an effect is measured a second time with this effect, and all
-that it can pass for, left out of the catalogue: there the right answer is `unknown`. A file that is there is
-continued.
+that it can pass for, left out of the catalogue: there the right answer is `unknown`. Where the tolerances of
+the sim's own parameters close the gap, the alternatives are also measured without tolerances. A file that is
+there is continued.
 """
 
 import argparse
@@ -21,7 +22,10 @@ from benchmarks.calibration.choices import pack_alternatives
 from benchmarks.gapgen.answers import left_out
 from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.diagnosis import search_gap
+from lagsplat.diagnose.diagnosis import NO_TOLERANCE, is_within_tolerance, search_gap
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.inference.effect_search import EffectSearch
+from lagsplat.diagnose.inference.holdout import forecast_holdout
 from lagsplat.diagnose.verdict.alternatives import measure_alternatives
 from lagsplat.pipelines.diagnosis import prepare_search
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
@@ -46,11 +50,23 @@ def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseCon
         row: dict[str, Any] = {"full": pack_alternatives(alternatives)}
         row["undetermined"] = bool(inputs.checked.undetermined) or not alternatives.explained
         names = {name for effect in truth["truth"] for name in effect["class"]}
+        if not row["undetermined"] and hides_in_tolerances(search, sim):
+            exact = search_gap(sim, inputs.real, config.scale_tolerances(NO_TOLERANCE), offset)
+            row["exact"] = pack_alternatives(measure_alternatives(exact))
         if names - {"unknown"} and not row["undetermined"]:
             without = search.leave_out(left_out(sorted(names)))
             row["left_out"] = pack_alternatives(measure_alternatives(without))
         row["seconds"] = time.process_time() - began
     return row
+
+
+def hides_in_tolerances(search: EffectSearch, sim: EstimatedSimulator) -> bool:
+    """Whether the tolerances of the sim's own parameters close a gap that is open without them."""
+    none = search.ranking.none
+    try:
+        return is_within_tolerance(forecast_holdout(search.problem, none, none, given=sim.model))
+    except ValueError:  # nothing can be held out
+        return False
 
 
 def measure_split(folder: Path, out: Path, config: DiagnoseConfig) -> None:

@@ -1,11 +1,11 @@
 """A diagnosis from end to end: from a simulator and real trajectories to the verdict and its evidence."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
-from lagsplat.diagnose.core.result import Candidate, Diagnosis
+from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -26,14 +26,18 @@ UNEXPLAINED = (
 )
 
 
+NO_TOLERANCE = 1e-6  # factor on tolerances that leaves none [1]; not zero, as fits divide by them
+
+
 @dataclass(frozen=True)
 class DiagnosisRun:
-    """A diagnosis with all fits that it compared, and the chosen fit."""
+    """A diagnosis with all fits that it compared, the chosen fit, and forecasts of held-out blocks, if any."""
 
     diagnosis: Diagnosis
     search: EffectSearch
     alternatives: Alternatives
     chosen: HypothesisFit
+    holdout: HoldoutForecasts | None
 
     @property
     def problem(self) -> EstimationProblem:
@@ -81,8 +85,12 @@ def diagnose(
     log_evidence_offset: float = 0.0,
     report_progress: Callable[[str], None] = lambda name: None,
     model: ChoiceModel | None = None,
+    tolerances_are_causes: bool = True,
 ) -> DiagnosisRun:
     """Find out why a simulator and real trajectories disagree.
+
+    A gap that the tolerances of the sim's own parameters close is no missing effect, but a finding: its cause
+    is then sought beside a sim without tolerances, which has but the uncertainty of its identification.
 
     Args:
         sim: the simulator with what is uncertain about it.
@@ -91,16 +99,41 @@ def diagnose(
         log_evidence_offset: what effects gain by the sim's own errors [nat]; see `calibrate_null_evidence`.
         report_progress: called with the name of each effect before it is fitted.
         model: weighs the alternatives; by default the calibrated one of this package.
+        tolerances_are_causes: whether a parameter that is off within its tolerance is a cause; it is none
+            where the sim was learned or recalibrated, as its parameters were never set.
 
     Raises:
         ValueError: the motions are too short for a single window.
     """
+    model = model or load_choice_model()
+    run = _judge_gap(sim, real, config, log_evidence_offset, report_progress, model)
+    if run.diagnosis.verdict != "none" or not tolerances_are_causes or sim.original is not None:
+        return run
+    if run.holdout is None or not is_within_tolerance(run.holdout):
+        return run
+    exact = _judge_gap(
+        sim, real, config.scale_tolerances(NO_TOLERANCE), log_evidence_offset, report_progress, model
+    )
+    if exact.diagnosis.verdict != "effect":
+        return run
+    checks = {**exact.diagnosis.checks, "within_tolerance": True, "refit": run.diagnosis.checks["refit"]}
+    return replace(exact, diagnosis=replace(exact.diagnosis, checks=checks))
+
+
+def _judge_gap(
+    sim: EstimatedSimulator,
+    real: Sequence[Trajectory],
+    config: DiagnoseConfig,
+    log_evidence_offset: float,
+    report_progress: Callable[[str], None],
+    model: ChoiceModel,
+) -> DiagnosisRun:
     q_names, u_names = real[0].q_names, real[0].u_names
     search = search_gap(sim, real, config, log_evidence_offset, report_progress=report_progress)
     problem, ranking = search.problem, search.ranking
     alternatives = measure_alternatives(search)
     names = [name for name in catalogue() if name not in config.without]
-    judgement = judge_alternatives(alternatives, model or load_choice_model(), catalogue=names)
+    judgement = judge_alternatives(alternatives, model, catalogue=names)
     best, warnings = judgement.best, _list_warnings(problem)
     chosen = best if best is not None and judgement.verdict == "effect" else ranking.none
     try:
@@ -119,7 +152,7 @@ def diagnose(
         names = [placed.effect.name for placed in chosen.effects]
         checks["immaterial"] = {"effects": names, "share": asdict(holdout.beyond_refit)}
         judgement, chosen = judgement.reject("none"), ranking.none
-    if judgement.verdict == "none" and holdout is not None and is_open(holdout):
+    if judgement.verdict == "none" and holdout is not None and is_open(holdout.refit_over_floor):
         judgement = judgement.reject("unknown")
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
@@ -136,7 +169,7 @@ def diagnose(
         q_names=q_names,
         u_names=u_names,
     )
-    return DiagnosisRun(diagnosis, search, alternatives, chosen)
+    return DiagnosisRun(diagnosis, search, alternatives, chosen, holdout)
 
 
 def is_material(chosen: HypothesisFit, holdout: HoldoutForecasts, least: float) -> bool:
@@ -151,12 +184,16 @@ def is_material(chosen: HypothesisFit, holdout: HoldoutForecasts, least: float) 
     return chosen.moves_samples or (share.value >= least and share.low > 0.0)
 
 
-def is_open(holdout: HoldoutForecasts) -> bool:
-    """Whether a refit leaves `VERDICT.open_gap` times the floor or more, and by no chance of the blocks."""
-    ratio = holdout.refit_over_floor
-    assert ratio.value is not None
-    assert ratio.low is not None
-    return ratio.value >= VERDICT.open_gap and ratio.low > 1.0
+def is_open(over_floor: Interval) -> bool:
+    """Whether an error is `VERDICT.open_gap` times its floor or more, and by no chance of the blocks."""
+    assert over_floor.value is not None
+    assert over_floor.low is not None
+    return over_floor.value >= VERDICT.open_gap and over_floor.low > 1.0
+
+
+def is_within_tolerance(holdout: HoldoutForecasts) -> bool:
+    """Whether the gap is open as the sim was given, and a refit within its tolerances closes it."""
+    return is_open(holdout.given_over_floor) and not is_open(holdout.refit_over_floor)
 
 
 def _measure_fits(sim: EstimatedSimulator, search: EffectSearch, judgement: Judgement) -> dict[str, Any]:

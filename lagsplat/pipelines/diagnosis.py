@@ -84,6 +84,7 @@ def run_diagnosis(
         config,
         log_evidence_offset=log_evidence_offset,
         report_progress=report_progress,
+        tolerances_are_causes=inputs.recordings is None,
     )
     report_progress("locate the gap")
     ratio = 0.0 if image_quality is None else image_quality.perception.ratio
@@ -128,9 +129,7 @@ def _adapt_settings(inputs: DiagnosisInputs, config: DiagnoseConfig) -> Diagnose
     )
     if inputs.recordings is None:
         return config
-    priors = ("potential", "damping", "inputs", "offset", "warp")
-    wider = {name: min(config.learned_factor * getattr(config, name), 0.5) for name in priors}
-    return replace(config, **wider)
+    return config.scale_tolerances(config.learned_factor)
 
 
 def discount_image_error(sim: EstimatedSimulator, perception: PerceptionQuality | None) -> EstimatedSimulator:

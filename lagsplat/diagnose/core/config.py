@@ -11,9 +11,12 @@ more (22a8644 opened blind-1, 5353e65 blind-2, a61a354 two small splits, 95ad2a5
 values may have been chosen with a spent split in view.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lagsplat.setting_checks import require_least, require_positive, require_setting
+
+TOLERANCES = ("potential", "damping", "inputs", "offset", "warp")
+"""Settings that say how uncertain a simulator's own parameters are."""
 
 
 @dataclass
@@ -54,10 +57,13 @@ class DiagnoseConfig:
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
         counts = ("families", "places", "starts", "iterations", "identify_iterations")
         require_least(self, "diagnose", 1, *counts)
-        deviations = ("potential", "damping", "inputs", "offset", "warp")
-        for name in (*deviations, "materiality"):
+        for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
             require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")
+
+    def scale_tolerances(self, factor: float) -> "DiagnoseConfig":
+        """The same with the sim's own parameters ``factor`` times as uncertain, at most 0.5."""
+        return replace(self, **{name: min(factor * getattr(self, name), 0.5) for name in TOLERANCES})
 
 
 @dataclass

@@ -214,7 +214,8 @@ class HoldoutForecasts:
     """Errors on the held-out half: the gap, the blocks, and mean squares of each block.
 
     ``beyond_refit`` is the share of the gap as given that the chosen effects remove beyond what a refit
-    alone removes; ``refit_over_floor`` is the error after a refit over its floor.
+    alone removes; ``given_over_floor`` and ``refit_over_floor`` are the errors of the sim as given and after
+    a refit, over their floors.
     """
 
     gap: Gap
@@ -222,6 +223,7 @@ class HoldoutForecasts:
     before: np.ndarray
     floor: np.ndarray
     beyond_refit: Interval
+    given_over_floor: Interval
     refit_over_floor: Interval
 
 
@@ -262,8 +264,11 @@ def forecast_holdout(
         sim, augmented = (forecasts[name].y[i] for name in ("before", "after"))
         rows.append(Block(record.files[number], i, time_s, held_out.real[i], sim, augmented))
     beyond = bootstrap_blocks(lambda b, r, a: (r - a) / np.maximum(b, r), before, refit, after)
-    level = bootstrap_blocks(lambda r, f: r / f, refit, forecasts["refit"].floor)
-    return HoldoutForecasts(gap, tuple(rows), before, floor, beyond, level)
+    levels = (
+        bootstrap_blocks(lambda error, f: error / f, forecasts[name].squares, forecasts[name].floor)
+        for name in ("before", "refit")
+    )
+    return HoldoutForecasts(gap, tuple(rows), before, floor, beyond, *levels)
 
 
 def estimate_single_closure(

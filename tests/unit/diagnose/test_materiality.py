@@ -4,16 +4,18 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Gap, Interval
-from lagsplat.diagnose.diagnosis import is_material, is_open
+from lagsplat.diagnose.diagnosis import is_material, is_open, is_within_tolerance
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts
 from tests.unit.diagnose.verdict.made_alternatives import FIT
 
 NOTHING = Interval(None, None, None)
 
 
-def forecasts(share: Interval = NOTHING, ratio: Interval = NOTHING) -> HoldoutForecasts:
+def forecasts(
+    share: Interval = NOTHING, given: Interval = NOTHING, refit: Interval = NOTHING
+) -> HoldoutForecasts:
     gap = Gap(before=1.0, refit=0.9, after=0.5, floor=0.4, horizon_s=1.0, closure=NOTHING)
-    return HoldoutForecasts(gap, (), np.ones(3), np.ones(3), share, ratio)
+    return HoldoutForecasts(gap, (), np.ones(3), np.ones(3), share, given, refit)
 
 
 @pytest.mark.parametrize(
@@ -25,5 +27,8 @@ def test_an_effect_matters_if_it_closes_a_share_and_not_by_chance(value, low, ma
 
 
 @pytest.mark.parametrize(("value", "low", "left"), [(2.0, 1.5, True), (2.0, 0.9, False), (1.2, 1.1, False)])
-def test_a_gap_is_open_where_a_refit_stays_above_the_floor(value, low, left) -> None:
-    assert is_open(forecasts(ratio=Interval(value, low, 3.0))) is left
+def test_a_gap_is_open_well_above_the_floor(value, low, left) -> None:
+    ratio = Interval(value, low, 3.0)
+    assert is_open(ratio) is left
+    assert is_within_tolerance(forecasts(given=ratio, refit=Interval(1.1, 0.9, 1.2))) is left
+    assert not is_within_tolerance(forecasts(given=ratio, refit=Interval(2.0, 1.5, 2.5)))
