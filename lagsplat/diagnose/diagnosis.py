@@ -31,7 +31,7 @@ NO_TOLERANCE = 1e-6  # factor on tolerances that leaves none [1]; not zero, as f
 
 @dataclass(frozen=True)
 class DiagnosisRun:
-    """A diagnosis with all fits that it compared, the chosen fit, and forecasts of held-out blocks, if any."""
+    """A diagnosis with all fits that it compared, the chosen one, and forecasts of held-out blocks."""
 
     diagnosis: Diagnosis
     search: EffectSearch

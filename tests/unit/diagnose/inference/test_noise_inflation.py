@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.inference.effect_search import inflate_noise
 from lagsplat.diagnose.inference.model_selection import SearchBudget
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit
