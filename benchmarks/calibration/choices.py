@@ -11,6 +11,7 @@ import numpy as np
 from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
+from lagsplat.diagnose.verdict.judgement import name_main_causes
 
 SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
 LEFT_OUT_WEIGHT = 0.25  # of a recording without its true effect: so about a fifth have an unknown cause
@@ -20,16 +21,28 @@ LEFT_OUT_WEIGHT = 0.25  # of a recording without its true effect: so about a fif
 class LabelledChoice:
     """A choice, where it comes from and what is true of it.
 
-    ``names`` are the alternatives; ``kind`` is "none", "single", "pair", "outside" (of the catalogue) or
-    "left_out" (the true effect is not in the catalogue); ``families`` are the names of the true effects.
+    ``names`` are the alternatives and ``mains`` the causes that they stand for; ``kind`` is "none", "single",
+    "pair", "outside" (of the catalogue), "left_out" (the true effect is not in the catalogue) or "exact" (the
+    tolerances of the sim close the gap, and are left out); ``truth`` are the true effects.
     """
 
     choice: Choice
     names: tuple[tuple[str, ...], ...]
+    mains: tuple[str, ...]
     kind: str
+    truth: Sequence[Mapping[str, Any]]
     source: str
     recording: str
-    families: frozenset[str]
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Names of the true effects."""
+        return frozenset(effect["kind"] for effect in self.truth)
+
+    @property
+    def true_names(self) -> frozenset[str]:
+        """All names that are right for one of the true effects."""
+        return frozenset(name for effect in self.truth for name in effect["class"])
 
 
 def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
@@ -60,7 +73,8 @@ def unpack_alternatives(packed: Mapping[str, Any]) -> Alternatives:
 def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
     """Choices of all rows.
 
-    Recordings are left out in which physics hides the effect, or of which the data allow no verdict.
+    Recordings are left out in which physics hides the effect, or of which the data allow no verdict. Where
+    the sim's own tolerances close the gap, `none` is right as well, and an exact sim shows the cause.
     """
     labelled = []
     for row in rows:
@@ -71,33 +85,30 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
         kind = "none" if not truth else "outside" if outside else "pair" if len(truth) > 1 else "single"
         labelled.append(_label(row, "full", kind))
-        if "left_out" in row:
-            labelled.append(_label(row, "left_out", "left_out"))
+        labelled += [_label(row, which, which) for which in ("left_out", "exact") if which in row]
     return labelled
 
 
 def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
     alternatives, answer = unpack_alternatives(row[which]), row["answer"]
     names = (("none",), *(m.names for m in alternatives.measures[1:]), ("unknown",))
-    if kind == "none":
-        right = np.array([name == ("none",) for name in names])
-    elif kind in ("outside", "left_out"):
-        right = np.array([name == ("unknown",) for name in names])
-    else:
-        score = np.array([_score_names(name, answer["truth"]) for name in names])
-        right = (score > 0.0) & (score > score.max() - 1e-9)
-    weight = LEFT_OUT_WEIGHT if kind == "left_out" else 1.0
+    truth = [] if kind == "left_out" else answer["truth"]
+    score = np.array([score_names(name, truth) for name in names])
+    right = (score > 0.0) & (score > score.max() - 1e-9)
+    right[0] = not answer["truth"] or (kind == "single" and "exact" in row)
+    right[-1] |= kind == "left_out"
     return LabelledChoice(
-        Choice(compute_features(alternatives), right, weight),
+        Choice(compute_features(alternatives), right, LEFT_OUT_WEIGHT if kind == "left_out" else 1.0),
         names,
+        name_main_causes(alternatives.measures),
         kind,
+        answer["truth"],
         answer["source"] or "own",
         row["id"],
-        frozenset(effect["kind"] for effect in answer["truth"]),
     )
 
 
-def _score_names(names: Sequence[str], truth: Sequence[Mapping[str, Any]]) -> float:
+def score_names(names: Sequence[str], truth: Sequence[Mapping[str, Any]]) -> float:
     """F1 of a set of names against the true effects; a name counts for an effect that it can pass for."""
     left = set(names)
     hits = 0

@@ -8,7 +8,7 @@ import numpy as np
 from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.core.result import Verdict
 from lagsplat.diagnose.inference.problem import HypothesisFit
-from lagsplat.diagnose.verdict.alternatives import Alternatives
+from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel
 from lagsplat.diagnose.verdict.features import compute_features
 
@@ -35,27 +35,34 @@ def judge_alternatives(
 ) -> Judgement:
     """Weigh the alternatives by a calibrated model.
 
-    The probability of a set counts for that of its effects which has the most evidence alone, so that each
-    name has the probability of being the main cause. Names of the ``catalogue`` that were not fitted have
-    none.
+    The probability of a set counts for its main cause. The verdict is the most probable name, explained by
+    the most probable alternative that stands for it. Names of the ``catalogue`` that were not fitted have no
+    probability.
     """
     chances = np.exp(model.log_probabilities(compute_features(alternatives)))
-    names = [m.names for m in alternatives.measures]
-    probabilities = {"none": float(chances[0]), "unknown": float(chances[-1])}
-    probabilities |= dict.fromkeys(catalogue, 0.0)
-    alone = {m.names[0]: m.log_evidence for m in alternatives.measures if len(m.names) == 1}
-    for members, chance in zip(names[1:], chances[1:-1], strict=True):
-        main = max(members, key=lambda name: alone.get(name, -np.inf))
+    mains = name_main_causes(alternatives.measures)
+    probabilities = dict.fromkeys(("none", "unknown", *catalogue), 0.0)
+    for main, chance in zip(mains, chances, strict=True):
         probabilities[main] += float(chance)
-    first = int(np.argmax(chances))
-    verdict: Verdict = "none" if first == 0 else "unknown" if first == len(names) else "effect"
-    best = None
-    equivalent: tuple[tuple[str, ...], ...] = ()
-    if len(names) > 1:
-        at = 1 + int(np.argmax(chances[1:-1]))
-        best = alternatives.fits[at]
-        equivalent = _list_equivalent(names, chances, at)
-    return Judgement(verdict, _sort(probabilities), equivalent, best)
+    probabilities = _sort(probabilities)
+    first = next(iter(probabilities))
+    verdict: Verdict = "none" if first == "none" else "unknown" if first == "unknown" else "effect"
+    causes = [name for name in probabilities if name in mains[1:-1]]
+    if not causes:
+        return Judgement(verdict, probabilities, (), None)
+    at = max((i for i, main in enumerate(mains) if main == causes[0]), key=lambda i: chances[i])
+    names = [m.names for m in alternatives.measures]
+    return Judgement(verdict, probabilities, _list_equivalent(names, chances, at), alternatives.fits[at])
+
+
+def name_main_causes(measures: Sequence[Measures]) -> tuple[str, ...]:
+    """The name that each alternative stands for, `none` first and `unknown` last.
+
+    Of a set it is the effect with the most evidence alone.
+    """
+    alone = {m.names[0]: m.log_evidence for m in measures if len(m.names) == 1}
+    mains = (max(m.names, key=lambda name: alone.get(name, -np.inf)) for m in measures[1:])
+    return ("none", *mains, "unknown")
 
 
 def _list_equivalent(

@@ -91,9 +91,9 @@ def test_what_was_left_out_is_predicted_by_the_rest() -> None:
     labelled = label_rows(draw_rows(40))
     for group in GROUPS.values():
         found = {name: value for name, value, *_ in summarize(labelled, predict_left_out(labelled, group))}
-        assert found["right, single"] > 0.9
-        assert found["right, none"] > 0.9
-        assert found["right, left_out"] > 0.9
+        assert found["single: right first"] > 0.9
+        assert found["none: not named"] > 0.9
+        assert found["left_out: not named"] > 0.9
         assert found["calibration error"] < 0.15
 
 
@@ -109,7 +109,22 @@ def test_a_model_is_written_with_a_weight_for_every_feature(tmp_path: Path) -> N
     chances = np.exp(model.log_probabilities(compute_features(alternatives(effect("creep"), none=NONE))))
     assert chances.argmax() == 1
     told = (tmp_path / "out" / "validation.csv").read_text()
-    assert told.count("right, left_out") == 3
+    assert told.count("left_out: not named") == 3
+
+
+def test_a_gap_within_tolerances_is_judged_beside_an_exact_sim() -> None:
+    still = alternatives(effect("creep", log_evidence=-2.0), none=effect("none", misfit=1.0, error=0.02))
+    one = row(still, truth("creep")) | {"exact": pack_alternatives(MADE)}
+    whole, exact = label_rows([one])
+    assert [n for n, right in zip(whole.names, whole.choice.right, strict=True) if right] == [
+        ("none",),
+        ("creep",),
+    ]
+    assert not exact.choice.right[0]
+    told = {name: value for name, value, *_ in summarize([whole, exact], [np.eye(3)[0], np.eye(6)[1]])}
+    assert told["single: right first"] == 1.0
+    told = {name: value for name, value, *_ in summarize([whole, exact], [np.eye(3)[0], np.eye(6)[5]])}
+    assert (told["single: right first"], told["single: left unnamed"]) == (0.0, 1.0)
 
 
 @pytest.mark.slow
