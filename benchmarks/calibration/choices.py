@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.gapgen.answers import SMALLEST_GAP
 from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
@@ -73,14 +74,16 @@ def unpack_alternatives(packed: Mapping[str, Any]) -> Alternatives:
 def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
     """Choices of all rows.
 
-    Recordings are left out in which physics hides the effect, or of which the data allow no verdict. Where
-    the sim's own tolerances close the gap, `none` is right as well, and an exact sim shows the cause.
+    Recordings are left out in which physics or noise hides the effect, as a generator does not always reach
+    the gap that it aims at, or of which the data allow no verdict. Where the sim's own tolerances close the
+    gap, `none` is right as well, and an exact sim shows the cause.
     """
     labelled = []
     for row in rows:
         answer = row["answer"]
         truth = answer["truth"]
-        if not answer["identifiable"] or row["undetermined"]:
+        hidden = bool(truth) and not (answer["gap_ratio"] or 0.0) >= SMALLEST_GAP
+        if hidden or not answer["identifiable"] or row["undetermined"]:
             continue
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
         kind = "none" if not truth else "outside" if outside else "pair" if len(truth) > 1 else "single"

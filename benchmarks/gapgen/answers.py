@@ -68,6 +68,8 @@ HOLDING = {
 }
 """Families that hold an effect as a limit: with them in the catalogue it is not left out."""
 
+SMALLEST_GAP = 1.4  # gap, over its floor, from which an effect can be seen [1]
+
 LINEAR = ("linear_cart", "mujoco_cart")
 """Systems whose nominal equations are linear."""
 
@@ -165,7 +167,7 @@ def left_out(same: list[str]) -> list[str]:
 
 def identifiable(effect: Effect, s: Stratum, truth: dict[str, Any], ratio: float) -> tuple[bool, str]:
     """Whether physics lets this recording name the effect's class, and the reason if not."""
-    if not ratio >= 1.4:
+    if not ratio >= SMALLEST_GAP:
         return False, "the effect is below the noise at one period"
     if effect.name == "exposure_blur":
         return False, "a moving mean of coordinates is a change of amplitude and a shift in time"

@@ -26,7 +26,7 @@ UNEXPLAINED = (
 )
 
 
-NO_TOLERANCE = 1e-6  # factor on tolerances that leaves none [1]; not zero, as fits divide by them
+NO_TOLERANCE = 1e-3  # factor on tolerances that leaves hardly any [1]: fits weigh them beside other priors
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def truth(name: str, *others: str) -> dict[str, Any]:
 
 
 def row(made: Any, *true: dict[str, Any], **more: Any) -> dict[str, Any]:
-    answer = {"truth": list(true), "identifiable": True, "source": "own"}
+    answer = {"truth": list(true), "identifiable": True, "source": "own", "gap_ratio": 3.0}
     one = {"id": f"{len(made.measures):06x}", "undetermined": more.pop("undetermined", False)}
     return one | {"answer": {**answer, **more}, "full": pack_alternatives(made)}
 
@@ -62,6 +62,7 @@ def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
     assert removed.choice.weight < whole.choice.weight
     assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
     assert label_rows([row(MADE, truth("creep"), undetermined=True)]) == []
+    assert label_rows([row(MADE, truth("creep"), gap_ratio=1.1)]) == []
 
 
 def draw_poor(rng: np.random.Generator) -> dict[str, float]:
