@@ -116,8 +116,10 @@ def diagnose(
     )
     if exact.diagnosis.verdict != "effect":
         return run
-    checks = {**exact.diagnosis.checks, "within_tolerance": True, "refit": run.diagnosis.checks["refit"]}
-    return replace(exact, diagnosis=replace(exact.diagnosis, checks=checks))
+    before, found = run.diagnosis, exact.diagnosis
+    gap = replace(found.gap, refit=before.gap.refit) if found.gap and before.gap else found.gap
+    checks = {**found.checks, "within_tolerance": True, "refit": before.checks["refit"]}
+    return replace(exact, diagnosis=replace(found, gap=gap, checks=checks))
 
 
 def _judge_gap(

@@ -19,8 +19,9 @@ from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
+from lagsplat.report.common.formatting import format_interval, format_number
 
-SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain")
+SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial")
 """Checks that have a function of their own; `read_measures` gives the others."""
 EMPTY_WHERE: dict[str, Any] = {
     "level": None,
@@ -113,6 +114,16 @@ def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     probabilities = {candidate.name: candidate.probability for candidate in diagnosis.candidates}
     open_effects = [(name, record) for name, record in rows if name not in diagnosis.combination]
     return sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0))
+
+
+def list_refit_moves(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
+    """List how a refit alone moves the sim's own numbers: name with its unit, change, interval, tolerance."""
+    rows = []
+    for move in diagnosis.checks.get("refit", ()):
+        value, low, high = format_interval(move["value"], move["low"], move["high"])
+        tolerance = format_number(move["tolerance"], digits=2)
+        rows.append((f"{move['name']} ({move['unit']})", value, f"{low} to {high}", f"± {tolerance}"))
+    return rows
 
 
 def read_measures(diagnosis: Diagnosis) -> dict[str, Any]:

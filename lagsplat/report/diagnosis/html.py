@@ -22,6 +22,7 @@ from lagsplat.report.diagnosis.content import (
     list_excited,
     list_findings,
     list_missing_fields,
+    list_refit_moves,
     read_measures,
     recommend_recordings,
 )
@@ -76,6 +77,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         files=list(dict.fromkeys(os.path.basename(block.file) for block in diagnosis.blocks)),
         tiles=_list_tiles(diagnosis),
         numbers=_list_numbers(diagnosis),
+        moves=list_refit_moves(diagnosis),
         findings=list_findings(diagnosis),
         visible=[row for row in visible if row[2]],
         excitations=diagnosis.checks.get("excitation", ()),

@@ -47,7 +47,8 @@ def _write_verdict(diagnosis: Diagnosis) -> str:
         return f"{headline}: {explain_undecided(diagnosis)}"
     names = list_indistinguishable(diagnosis) if verdict == "effect" else [verdict]
     probability = sum(sum_probability(diagnosis, name) for name in names)
-    return f"{headline} (probability {format_probability(probability)})"
+    within = ", within the sim's tolerances" if diagnosis.checks.get("within_tolerance") else ""
+    return f"{headline}{within} (probability {format_probability(probability)})"
 
 
 def _write_size(diagnosis: Diagnosis) -> str:

@@ -62,6 +62,10 @@ CONSEQUENCES = {
     "outside": "The mechanism itself moves as simulated.",
 }
 """What it means if all effects found are of one kind."""
+WITHIN_TOLERANCE = (
+    "The gap is no larger than the tolerances of the simulation's own numbers allow: a number is off rather "
+    "than physics missing."
+)
 NUMERALS = ("No", "One", "Two", "Three")
 
 
@@ -102,6 +106,7 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
     sentences.append(_describe_cause(diagnosis, chosen, equivalent, probability))
     sentences += [_list_estimates(e, len(chosen), len(equivalent)) for e in chosen if e.parameters]
     sentences += [text for kind, text in CONSEQUENCES.items() if kinds == {kind}]
+    sentences += [WITHIN_TOLERANCE] if diagnosis.checks.get("within_tolerance") else []
     sentences.append(_describe_closure(diagnosis, _name_remedy(kinds, len(chosen), equivalent)))
     if len(equivalent) == 1:
         sentences += [describe_effect(effect.name).remedy for effect in chosen]

@@ -183,3 +183,18 @@ def test_the_page_says_what_to_do_next_and_which_file_disagrees():
 
 def test_one_file_has_no_table_of_files():
     assert "File by file" not in render_report(KINDS["single"], ReportContent())
+
+
+def test_the_moves_of_a_refit_stand_with_interval_and_tolerance():
+    move = {
+        "name": "damping rate",
+        "value": 0.1234,
+        "low": 0.11,
+        "high": 0.14,
+        "tolerance": 0.05,
+        "unit": "1/s",
+    }
+    made = KINDS["none"]
+    page = render_report(replace(made, checks={**made.checks, "refit": [move]}), ReportContent())
+    row = page[page.index("damping rate (1/s)") :]
+    assert re.findall(r"<td[^>]*>([^<]*)</td>", row)[:3] == ["0.123", "0.110 to 0.140", "± 0.050"]

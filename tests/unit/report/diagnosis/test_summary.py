@@ -107,6 +107,13 @@ def test_a_parameter_change():
     assert "a refit suffices" not in write_summary(KINDS["single"])
 
 
+def test_a_cause_within_the_tolerances_says_so():
+    made = KINDS["parameter"]
+    assert "tolerances" not in write_summary(made)
+    text = write_summary(replace(made, checks={**made.checks, "within_tolerance": True}))
+    assert "no larger than the tolerances of the simulation's own numbers" in text
+
+
 def test_none_says_what_it_could_not_see():
     text = write_summary(KINDS["none"])
     assert text.startswith("The simulation agrees with the recording")
