@@ -181,7 +181,7 @@ def rank_hypotheses(
         for score in scores:
             family = by_family.setdefault(score.placed.effect.name, [])
             is_new = all(previous.placed is not score.placed for previous, _ in family)
-            if is_new and len(family) < config.places * 2:
+            if is_new and len(family) < 2 * count_places(score.placed, config):
                 family.append((score, fit))
     names = [name for row in zip(*orders, strict=False) for name in row]
     names += [name for order in orders for name in order]
@@ -189,9 +189,15 @@ def rank_hypotheses(
     found = []
     for name in dict.fromkeys(names):
         report_progress(name)
-        for score, fit in sorted(by_family[name], key=lambda pair: -pair[0].gain)[: config.places]:
+        family = sorted(by_family[name], key=lambda pair: -pair[0].gain)
+        for score, fit in family[: count_places(family[0][0].placed, config)]:
             found.append(try_candidate(problem, base.effects, fit, score, starts=config.starts))
     return finish_fits(problem, base, found, candidates, budget)
+
+
+def count_places(placed: PlacedEffect, config: DiagnoseConfig) -> int:
+    """Places at which an effect is fitted: as many for each of its variants."""
+    return config.places * len(placed.effect.variants)
 
 
 def finish_fits(
