@@ -154,8 +154,8 @@ def _judge_gap(
         names = [placed.effect.name for placed in chosen.effects]
         checks["immaterial"] = {"effects": names, "share": asdict(holdout.beyond_refit)}
         judgement, chosen = judgement.reject("none"), ranking.none
-    if judgement.verdict == "none" and holdout is not None and is_open(holdout.refit_over_floor):
-        judgement = judgement.reject("unknown")
+    if holdout is not None and judgement.verdict in ("none", "unknown"):
+        judgement = judgement.reject("unknown" if is_open(holdout.refit_over_floor) else "none")
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         candidates=_list_candidates(problem, ranking, judgement, holdout),

@@ -57,7 +57,7 @@ def test_the_acceleration_is_found_where_the_motion_went(name: str, noise: float
     assert error(mechanism, sim, made) < bound
     assert sim.misfit < 1.5
     if name == "duffing":
-        assert estimate_natural_periods(sim.model, 1.0)[0] == pytest.approx(1.0, rel=0.03)
+        assert estimate_natural_periods(sim.model, made)[0] == pytest.approx(1.0, rel=0.03)
 
 
 def test_the_spring_is_found_where_the_motion_went_and_no_term_that_it_does_not_show() -> None:

@@ -13,7 +13,10 @@ from scipy.stats import chi2
 
 from lagsplat.diagnose.core.config import IDENTIFICATION, PROBLEM, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
-from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
+from lagsplat.diagnose.data_quality.natural_period import (
+    estimate_natural_period_s,
+    estimate_spectral_period_s,
+)
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows, prepare_dataset
@@ -147,19 +150,27 @@ def make_joint_prior(effects: Sequence[PlacedEffect], rollout_model: RolloutMode
     )
 
 
-def estimate_natural_periods(model: MechanicalModel, fallback_s: float) -> tuple[float, float]:
+def estimate_natural_periods(model: MechanicalModel, motions: Sequence[Trajectory]) -> tuple[float, float]:
     """Longest and shortest natural period [s], from stiffness and inertia at rest.
 
-    They are within a factor of 3 (shortest: 5) of ``fallback_s``, the rms period of the motion [s], and equal
-    to it where no mode is stable.
+    They are within a factor of 3 (shortest: 5) of the rms period of the motions, and equal to it where no
+    mode is stable. A controller that chatters moves them far faster than they swing: where their natural
+    period is nearer to the model's, it takes the place of the rms period.
     """
+    moving_s = estimate_spectral_period_s(motions)
     values = np.linalg.eigvals(np.linalg.solve(model.inertia, model.stiffness)).real
     values = values[values > 0.0]
     if not len(values):
-        return fallback_s, fallback_s
+        return moving_s, moving_s
     longest, shortest = (float(2.0 * np.pi / np.sqrt(value)) for value in (values.min(), values.max()))
-    most = 3.0 * fallback_s
-    return min(max(longest, fallback_s / 3.0), most), min(max(shortest, fallback_s / 5.0), most)
+
+    def miss(period_s: float) -> float:
+        return abs(float(np.log(longest / period_s)))
+
+    if miss(moving_s) > np.log(3.0):
+        moving_s = min(moving_s, estimate_natural_period_s(motions) or moving_s, key=miss)
+    most = 3.0 * moving_s
+    return min(max(longest, moving_s / 3.0), most), min(max(shortest, moving_s / 5.0), most)
 
 
 def build_problem(
@@ -188,7 +199,7 @@ def _build_problem(
     sim: EstimatedSimulator, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimationProblem:
     model = sim.model
-    longest_s, shortest_s = estimate_natural_periods(model, estimate_spectral_period_s(real))
+    longest_s, shortest_s = estimate_natural_periods(model, real)
     ready = prepare_dataset(real, period_s=shortest_s)
     record = ready.dataset
     omega = 2.0 * np.pi / longest_s

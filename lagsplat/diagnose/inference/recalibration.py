@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import RECALIBRATION, DiagnoseConfig
-from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -61,7 +60,7 @@ def calibrate_null_evidence(
         problem = replace(problem, windows=quiet)
     else:
         problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
-    period_s, _ = estimate_natural_periods(sim.model, estimate_spectral_period_s([part]))
+    period_s, _ = estimate_natural_periods(sim.model, [part])
     hints = find_hints(sim.model, [part], period_s=period_s, hold=config.input_hold)
     q_names, u_names = reference.q_names, reference.u_names
     candidates = place_effects(
