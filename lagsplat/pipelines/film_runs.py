@@ -84,12 +84,8 @@ def fit_film(
                 experiment, recording = _read_film(film, experiment)
                 _check_film(film, recording, experiment)
                 _check_real(real, recording, experiment)
-            show_fit(f"{finding.what}; {finding.remedy}")
-            set_threads(os.cpu_count() or 1)
-            try:
-                fit_run(experiment, out=folder, recording=recording)
-            except (ValueError, FloatingPointError) as error:
-                raise ValueError(f"{film.path}: no run could be fitted to this film. {error}") from error
+                show_fit(f"{finding.what}; {finding.remedy}")
+                _fit(film, experiment, folder, recording)
     _, of_film = drop_unusable_frames(load_recording(folder / "recording.safetensors"))
     return folder, (finding, *of_film)
 
@@ -97,7 +93,7 @@ def fit_film(
 def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     """The settings of the fit, as far as they do not depend on what the film shows."""
     path = Path(film.path).expanduser().resolve()
-    words = [f"profile={config.film_profile}", "simulation=null", "system.title=film"]
+    words = [f"profile={config.film_profile}", "system.title=film"]
     if film.kind == "mcap":
         suggested = suggest_overrides(survey_mcap(path))
         if not suggested:
@@ -107,9 +103,12 @@ def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     else:
         words += reading_overrides(path)
     if film.kind in ("video", "mcap"):
-        words += ["system.film=video", "evaluate=default", "recording.archive=null", "recording.member=null"]
+        words += ["system.film=video", "evaluate=default"]
         words += [f"system.{key}={value}" for key, value in IMAGE_MODEL.items()]
-    return compose(*words, f"system.d={config.film_d}")
+    experiment = compose(*words, f"system.d={config.film_d}")
+    # the base system is an arm of the public archive
+    recording = replace(experiment.recording, archive=None, member=None)
+    return replace(experiment, recording=recording, simulation=None)
 
 
 def _locate_run(film: DataSource, experiment: Config) -> Path:
@@ -118,7 +117,8 @@ def _locate_run(film: DataSource, experiment: Config) -> Path:
     files = [file for clip in find_clips(path) for file in clip.files]
     files += [Path(film.inputs)] if film.inputs else []
     contents = [sha256_of(file) for file in files]
-    settings = asdict(replace(experiment, recording=replace(experiment.recording, path=None)))
+    settings = asdict(experiment)
+    settings["recording"]["path"] = None  # a film that was moved is the same film
     key = json.dumps([film.kind, contents, settings, code_digest(*FITTING_CODE)], sort_keys=True)
     cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return cache / "lagsplat" / "runs" / sha256_hex(key.encode())[:DIGEST_DIGITS]
@@ -137,6 +137,14 @@ def _describe_run(film: DataSource, folder: Path, config: DiagnoseConfig) -> Fin
         "with another number of coordinates its law is another one",
         other,
     )
+
+
+def _fit(film: DataSource, experiment: Config, folder: Path, recording: Recording) -> None:
+    set_threads(os.cpu_count() or 1)
+    try:
+        fit_run(experiment, out=folder, recording=recording)
+    except (ValueError, FloatingPointError) as error:
+        raise ValueError(f"{film.path}: no run could be fitted to this film. {error}") from error
 
 
 @contextmanager
