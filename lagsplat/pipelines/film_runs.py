@@ -75,17 +75,18 @@ def fit_film(
     experiment = _compose_settings(film, config)
     folder = _locate_run(film, experiment)
     finding = _describe_run(film, folder, config)
-    with _lock(folder, show_fit):
-        if (folder / "dynamics.safetensors").is_file():
-            show_fit(f"{finding.what}; it is used again")
-        else:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of both films: each is a finding later
-                experiment, recording = _read_film(film, experiment)
-                _check_film(film, recording, experiment)
-                _check_real(real, recording, experiment)
-                show_fit(f"{finding.what}; {finding.remedy}")
-                _fit(film, experiment, folder, recording)
+    if _is_complete(folder):
+        show_fit(f"{finding.what}; it is used again")
+    else:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of both films: each is a finding later
+            experiment, recording = _read_film(film, experiment)
+            _check_film(film, recording, experiment)
+            _check_real(real, recording, experiment)
+            show_fit(f"{finding.what}; {finding.remedy}")
+            with _lock(folder, show_fit):
+                if not _is_complete(folder):
+                    _fit(film, experiment, folder, recording)
     _, of_film = drop_unusable_frames(load_recording(folder / "recording.safetensors"))
     return folder, (finding, *of_film)
 
@@ -137,6 +138,10 @@ def _describe_run(film: DataSource, folder: Path, config: DiagnoseConfig) -> Fin
         "with another number of coordinates its law is another one",
         other,
     )
+
+
+def _is_complete(folder: Path) -> bool:
+    return (folder / "dynamics.safetensors").is_file()  # which a fit writes last
 
 
 def _fit(film: DataSource, experiment: Config, folder: Path, recording: Recording) -> None:

@@ -119,7 +119,9 @@ def test_a_folder_of_images_is_a_film(fits: Fits, tmp_path: Path) -> None:
         cv2.imwrite(str(images / f"{number}.png"), frame)
     (images / "times.csv").write_text("\n".join(["t", *map(str, time_s)]))
     fit(images, "held_out")
-    np.testing.assert_allclose(fits[0][1].time_s, time_s)
+    recording = fits[0][1]
+    np.testing.assert_allclose(recording.time_s, time_s[: recording.n_frames])
+    assert recording.n_frames >= len(time_s) - 1  # the last one may count as a repetition
 
 
 def test_an_archive_of_an_arm_is_a_film(fits: Fits, tmp_path: Path) -> None:
@@ -182,17 +184,18 @@ def table(folder: Path) -> tuple[object, object]:
     ],
 )
 def test_what_cannot_be_diagnosed_is_refused_before_the_fit(
-    make: Callable[[Path], tuple[object, object]], words: str, fits: Fits, tmp_path: Path
+    make: Callable[[Path], tuple[object, object]], words: str, fits: Fits, cache: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=words):
         fit(*make(tmp_path))
     assert fits == []
+    assert not cache.exists()
 
 
 def test_settings_are_checked(films: Path) -> None:
-    with pytest.raises(ValueError, match=r"film_d.* 0"):
+    with pytest.raises(ValueError, match="film_d=0 must be at least 1"):
         replace(TOY, film_d=0)
-    with pytest.raises(ConfigError, match="full, quick, toy"):
+    with pytest.raises(ConfigError, match="base full quick toy"):
         fit(films / "sim.mkv", "held_out", replace(TOY, film_profile="slow"))
 
 
@@ -206,11 +209,11 @@ def test_the_command_line_says_why(films: Path, tmp_path: Path, capsys: pytest.C
 def test_processes_that_want_the_same_run_wait_for_one_another(films: Path, fits: Fits) -> None:
     folder = fit(films / "sim.mkv", "held_out")
     (folder / "dynamics.safetensors").unlink()
-    waits, said = threading.Event(), []
+    waits = threading.Event()
 
     def show(text: str) -> None:
-        said.append(text)
-        waits.set()
+        if "waiting for it" in text:
+            waits.set()
 
     with open(folder / ".lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -219,8 +222,7 @@ def test_processes_that_want_the_same_run_wait_for_one_another(films: Path, fits
         assert waits.wait(60.0)
         (folder / "dynamics.safetensors").touch()
     other.join(60.0)
-    assert "waiting for it" in said[0]
-    assert said[1].endswith("it is used again")
+    assert not other.is_alive()
     assert len(fits) == 1
 
 
@@ -236,10 +238,10 @@ def test_the_run_is_the_sim_from_then_on(films: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 def test_a_fit_that_was_stopped_goes_on(films: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = ("system.n_gaussians=64", "stage1.steps=300", "stage1.checkpoint_every_s=1e-6")
+    small = ("system.n_gaussians=256", "system.encoder_rate=2e-3", "stage1.checkpoint_every_s=1e-6")
     monkeypatch.setattr(film_runs, "compose", lambda *words: compose(*words, *small))
     steps: list[int] = []
-    stop_at, take = 200, stage1_fit.train_step
+    stop_at, take = 400, stage1_fit.train_step
 
     def train(*given: Any) -> np.ndarray:
         if len(steps) == stop_at:
@@ -252,7 +254,7 @@ def test_a_fit_that_was_stopped_goes_on(films: Path, monkeypatch: pytest.MonkeyP
         fit(films / "sim.mkv", films / "real.mkv")
     stop_at = -1
     folder = fit(films / "sim.mkv", films / "real.mkv")
-    assert steps == list(range(300))
+    assert steps == list(range(600))
     recordings = open_recording_pair(folder, str(films / "real.mkv"))
     assert recordings.run.chart.d == 1
     assert not recordings.same_recording
@@ -260,4 +262,4 @@ def test_a_fit_that_was_stopped_goes_on(films: Path, monkeypatch: pytest.MonkeyP
     q = recordings.real[0].q[:, 0]
     assert q.std() > 0.2
     assert fit(films / "sim.mkv", films / "real.mkv") == folder
-    assert len(steps) == 300
+    assert len(steps) == 600
