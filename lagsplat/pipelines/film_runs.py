@@ -34,7 +34,8 @@ from lagsplat.report.inspection import suggest_overrides
 from lagsplat.runs.fit import fit_run
 from lagsplat.video_quality.assessment import LEAST_FRAMES, LEVELS
 
-FITTING_CODE = ("lagsplat.runs.fit", "lagsplat.io.video.proposal")  # what a kept run depends on
+FITTING_CODE = ("lagsplat.runs.fit", "lagsplat.io.video.proposal", "lagsplat.io.recording.inputs")
+"""Modules that a kept run depends on, with all that they import."""
 DIGEST_DIGITS = 16  # of the name of a folder: enough that no two runs share one
 
 
@@ -74,26 +75,26 @@ def fit_film(
     film = sims[0]
     experiment = _compose_settings(film, config)
     folder = _locate_run(film, experiment)
-    finding = _describe_run(film, folder, config)
+    about = _describe_run(film, folder, config)
     if _is_complete(folder):
-        show_fit(f"{finding.what}; it is used again")
+        show_fit(f"{about.what}; it is used again")
     else:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of both films: each is a finding later
             experiment, recording = _read_film(film, experiment)
             _check_film(film, recording, experiment)
             _check_real(real, recording, experiment)
-            show_fit(f"{finding.what}; {finding.remedy}")
+            show_fit(f"{about.what}; {about.remedy}")
             with _lock(folder, show_fit):
                 if not _is_complete(folder):
                     _fit(film, experiment, folder, recording)
-    _, of_film = drop_unusable_frames(load_recording(folder / "recording.safetensors"))
-    return folder, (finding, *of_film)
+    kept = load_recording(folder / "recording.safetensors")
+    return folder, (about, *_describe_cut(kept), *drop_unusable_frames(kept)[1])
 
 
 def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     """The settings of the fit, as far as they do not depend on what the film shows."""
-    path = Path(film.path).expanduser().resolve()
+    path = Path(film.path).resolve()
     words = [f"profile={config.film_profile}", "system.title=film"]
     if film.kind == "mcap":
         suggested = suggest_overrides(survey_mcap(path))
@@ -114,8 +115,7 @@ def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
 
 def _locate_run(film: DataSource, experiment: Config) -> Path:
     """The folder of a run, named by all that determines it."""
-    path = Path(film.path).expanduser()
-    files = [file for clip in find_clips(path) for file in clip.files]
+    files = [file for clip in find_clips(film.path) for file in clip.files]
     files += [Path(film.inputs)] if film.inputs else []
     contents = [sha256_of(file) for file in files]
     settings = asdict(experiment)
@@ -138,6 +138,18 @@ def _describe_run(film: DataSource, folder: Path, config: DiagnoseConfig) -> Fin
         "with another number of coordinates its law is another one",
         other,
     )
+
+
+def _describe_cut(kept: Recording) -> list[Finding]:
+    skip_s, end_s = kept.meta.get("skip_s") or 0.0, kept.meta.get("end_s")
+    if not skip_s and end_s is None:
+        return []
+    until = "its end" if end_s is None else f"{end_s:g} s"
+    what = f"of this film, the part from {skip_s:g} s to {until} was used"
+    why = "the rest shows a cut, a repetition, or something that does not belong to the motion"
+    return [
+        Finding("note", "film cut", str(kept.meta["source"]), what, why, "cut the film to use another part")
+    ]
 
 
 def _is_complete(folder: Path) -> bool:
@@ -193,8 +205,8 @@ def _check_film(film: DataSource, recording: Recording, experiment: Config) -> N
     train, _ = split_train_held_out(recording, experiment.recording.split).split()
     if train.n_frames < LEAST_FRAMES:
         raise ValueError(
-            f"{film.path}: {recording.n_frames} frames, of which {train.n_frames} are for training; it needs "
-            f"{LEAST_FRAMES} there, and several periods of the motion. Film for longer"
+            f"{film.path}: {recording.n_frames} frames can be used, of which {train.n_frames} are for "
+            f"training; it needs {LEAST_FRAMES} there, and several periods of the motion. Film for longer"
         )
     change = np.max(train.frames, axis=0).astype(int) - np.min(train.frames, axis=0)
     if change.max() <= LEVELS:

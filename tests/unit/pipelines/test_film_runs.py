@@ -22,6 +22,7 @@ from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 from lagsplat.pipelines.diagnosis_videos import open_recording_pair
 from lagsplat.stage1 import fit as stage1_fit
 from tests.films import RATE, swing, write_film
+from tests.unit.io.mcap.mcap_files import Take, by_this_package
 
 TOY = replace(compose().diagnose, film_profile="toy")
 SHAPE = (24, 32)
@@ -101,8 +102,9 @@ def test_another_number_of_coordinates_film_or_table_is_another_run(
 
 def test_the_film_chooses_its_settings(fits: Fits, tmp_path: Path) -> None:
     make_film(tmp_path / "sim.mkv", shape=(120, 160), hand_until_s=1.0)
-    fit(tmp_path / "sim.mkv", "held_out")
+    _, findings = film_runs.fit_film(find_sources(str(tmp_path / "sim.mkv")), "held_out", TOY)
     experiment, recording = fits[0]
+    assert f"from {experiment.recording.skip_s:g} s to its end" in findings[1].what
     assert (recording.height, recording.width) == (72, 96)
     assert recording.time_s[0] == pytest.approx(experiment.recording.skip_s, abs=1.0 / RATE)
     assert experiment.recording.skip_s >= 1.0
@@ -133,6 +135,18 @@ def test_an_archive_of_an_arm_is_a_film(fits: Fits, tmp_path: Path) -> None:
     save_recording(tmp_path / "arm.safetensors", fits[0][1])
     fit(tmp_path / "arm.safetensors", "held_out")
     assert fits[1][1].n_frames == len(frames)
+
+
+def test_the_camera_of_a_log_is_a_film(fits: Fits, tmp_path: Path) -> None:
+    frames, time_s = swing(shape=SHAPE)
+    stamps = (1e9 * time_s).astype(np.int64)
+    angles = np.stack([np.sin(time_s), np.cos(time_s)], axis=1)
+    by_this_package(tmp_path / "log.mcap", Take(frames, stamps, angles, stamps))
+    fit(tmp_path / "log.mcap", "held_out")
+    write_inputs(tmp_path / "log.mcap")
+    fit(tmp_path / "log.mcap", "held_out")
+    assert [recording.input_names for _, recording in fits] == [(), ("u0",)]
+    assert fits[0][0].recording.mcap.camera == "/camera"
 
 
 def still(folder: Path) -> tuple[object, object]:
@@ -174,7 +188,7 @@ def table(folder: Path) -> tuple[object, object]:
     ("make", "words"),
     [
         (still, "nothing moves"),
-        (short, "of which 16 are for training"),
+        (short, "of which 16 are for"),
         (damaged, "OpenCV cannot open it"),
         (damaged_real, "OpenCV cannot open it"),
         (several, "names 2 files.*name one film"),
