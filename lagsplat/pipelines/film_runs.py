@@ -36,6 +36,7 @@ from lagsplat.video_quality.assessment import LEAST_FRAMES, LEVELS
 
 FITTING_CODE = ("lagsplat.runs.fit", "lagsplat.io.video.proposal", "lagsplat.io.recording.inputs")
 """Modules that a kept run depends on, with all that they import."""
+OF_ALL_FRAMES = ("flicker", "sampling")  # findings on a film that no cut removes
 DIGEST_DIGITS = 16  # of the name of a folder: enough that no two runs share one
 
 
@@ -89,7 +90,8 @@ def fit_film(
                 if not _is_complete(folder):
                     _fit(film, experiment, folder, recording)
     kept = load_recording(folder / "recording.safetensors")
-    return folder, (about, *_describe_cut(kept), *drop_unusable_frames(kept)[1])
+    of_film = [each for each in drop_unusable_frames(kept)[1] if each.check in OF_ALL_FRAMES]
+    return folder, (about, *_describe_cut(kept), *of_film)
 
 
 def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
