@@ -70,8 +70,9 @@ VERBS = {
         keys=(
             (
                 "sim=SIM",
-                "trajectories, a fitted run, a MuJoCo .xml, or file.py:attribute; required.",
+                "trajectories, a fitted run, a film, a MuJoCo .xml, or file.py:attribute; required.",
             ),
+            ("", "A run is fitted to a film first, at profile quick, and kept: minutes to an hour, once."),
             ("", "A .py file runs as a program of yours: name none that you would not run"),
             (
                 "real=FILES",
@@ -79,7 +80,7 @@ VERBS = {
             ),
             ("", "required"),
             ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
-            ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.columns.q0=angle"),
+            ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.film_d=2: two coordinates"),
         ),
         example="lagsplat diagnose sim=model.xml real=log.csv out=diagnosis",
     ),

@@ -249,7 +249,11 @@ def _diagnose_arguments(
         display.show_checks(checked)
         display("prepare the sim")
 
-    inputs = open_diagnosis_inputs(sim, real, config, show_checks=show_checks)
+    def show_fit(text: str) -> None:
+        display.warn(text)
+        display("fit the sim's film")
+
+    inputs = open_diagnosis_inputs(sim, real, config, show_checks=show_checks, show_fit=show_fit)
     try:
         run = run_diagnosis(inputs, config, report_progress=display)
     except ValueError as error:

@@ -21,7 +21,7 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
-from lagsplat.diagnose.simulators.sources import DataSource, find_sources, read_sources
+from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, read_sources
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 
@@ -72,33 +72,45 @@ class DiagnosisInputs:
 
 
 def open_diagnosis_inputs(
-    sim: str, real: str, config: DiagnoseConfig, *, show_checks: Callable[[DataCheck], None] = lambda _: None
+    sim: str,
+    real: str,
+    config: DiagnoseConfig,
+    *,
+    show_checks: Callable[[DataCheck], None] = lambda _: None,
+    show_fit: Callable[[str], None] = lambda _: None,
 ) -> DiagnosisInputs:
     """Read and check what the arguments name, and make the simulator's model.
 
-    ``sim`` names recordings, a program, a MuJoCo file, an augmented sim or the folder of a fitted run;
-    ``real`` names recordings of the real mechanism, or the run's own by ``held_out``. ``show_checks`` is
-    called with the checks of the data before anything is fitted.
+    ``sim`` names recordings, a program, a MuJoCo file, an augmented sim, the folder of a fitted run, or a
+    film that a run is fitted to; ``real`` names recordings of the real mechanism, or the run's own by
+    ``held_out``. ``show_fit`` is called with a sentence on the run before one is fitted to a film, and
+    ``show_checks`` with the checks of the data before anything else is fitted.
 
     Raises:
         FileNotFoundError: a file does not exist.
         ValueError: a file cannot be read, or sim and real have different coordinates or inputs.
     """
     sims = find_sources(sim)
+    of_film: tuple[Finding, ...] = ()
+    if any(source.kind in VIDEO_KINDS for source in sims):
+        from lagsplat.pipelines import film_runs  # torch, which the other sims do without
+
+        folder, of_film = film_runs.fit_film(sims, real, config, show_fit=show_fit)
+        sims = (DataSource("run", str(folder)),)
     models = [source for source in sims if source.kind in MODELS]
     if models and len(sims) > 1:
         raise ValueError(f"sim={sim}: name one model, or recordings; {models[0].path} is a {models[0].kind}")
     nominal: Sequence[Trajectory] = ()
     recordings = None
     if models and models[0].kind == "run":
-        from lagsplat.pipelines import diagnosis_videos  # torch, which the other sims do without
+        from lagsplat.pipelines import diagnosis_videos  # torch, likewise
 
         recordings = diagnosis_videos.open_recording_pair(
             Path(models[0].path), real, columns=config.columns, longest_s=config.reference_longest_s
         )
         checked = check_data(recordings.nominal, recordings.real)
         of_videos = [finding for each in recordings.real_recordings for finding in each.findings]
-        checked = replace(checked, findings=(*of_videos, *checked.findings))
+        checked = replace(checked, findings=(*of_film, *of_videos, *checked.findings))
     else:  # samples of a video belong to its frames, so they are kept
         motions = read_sources(find_sources(real), columns=config.columns)
         if not models:

@@ -1,10 +1,12 @@
 """A fitted run as the simulator, and the recordings it is compared with, in its whitened latents."""
 
+import itertools
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +20,16 @@ from lagsplat.diagnose.imaging.video_checks import (
     derive_recording_settings,
     drop_unusable_frames,
     measure_camera_shift,
+    read_fitted_settings,
 )
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import read_chart_trajectory
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
 from lagsplat.io.read import read_recording, read_trajectory
+from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
-from lagsplat.io.trajectory.inputs import read_input_log
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
+from lagsplat.io.video.read import SAME_SHAPE
 from lagsplat.runs.run import FittedRun, open_run
 
 HELD_OUT = "held_out"  # names the held-out part of a run's own recording
@@ -201,59 +205,101 @@ def _read_trajectory(
     """Read one real trajectory with its frames; None where it is the run's own recording."""
     if source.kind == "trajectory":
         motion = read_trajectory(source.path, columns=columns)
-        _check_size(run, motion, source.path)
+        _check_latents(run, motion, source.path)
         return RecordedTrajectory(_rename_inputs(motion, run))
+    read = read_real_video(source, run.recording, read_fitted_settings(folder), dt_s=run.chart.dt_s)
+    if read is None:
+        return None
+    recording, findings = read
+    shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
+    findings += check_camera(shift, source=Path(source.path).name)
+    latents = run.chart.encode(run.autoencoder, recording.frames)
+    motion = make_video_trajectory(recording, latents, source=source.path)
+    return RecordedTrajectory(_rename_inputs(motion, run), recording, shift, tuple(findings))
+
+
+def read_real_video(
+    source: DataSource, own: Recording, settings: Mapping[str, Any], *, dt_s: float
+) -> tuple[Recording, list[Finding]] | None:
+    """Read a real video as a run's ``own`` recording was read; None where it is that very recording.
+
+    Frames that cannot be used are left out, with a finding. Inputs are those of the video or of the table
+    beside it. ``settings`` and ``dt_s`` are as of `derive_recording_settings`.
+
+    Raises:
+        FileNotFoundError: no file.
+        ValueError: no video, one that cannot be read, images of another size, or fewer inputs.
+    """
     if source.kind not in VIDEO_KINDS:
         raise ValueError(
             f"{source.path}: a {source.kind} has no trajectory to compare a run with; name a video, a log or "
             "a table of its latents"
         )
-    recording = _read_video(folder, run, source)
-    if recording.meta.get("sha256") == run.recording.meta.get("sha256"):
+    recording = _read_video(source, own, settings, dt_s=dt_s)
+    if recording.meta.get("sha256") == own.meta.get("sha256"):
         return None
-    size, expected = recording.frames.shape[1:3], run.recording.frames.shape[1:3]
+    _check_pictures(source, recording, own)
+    recording, findings = drop_unusable_frames(recording)
+    if source.inputs:
+        recording = add_inputs(recording, source.inputs)
+    _check_inputs(source.path, recording.inputs.shape[1], own.inputs.shape[1])
+    return recording, findings
+
+
+def _read_video(source: DataSource, own: Recording, settings: Mapping[str, Any], *, dt_s: float) -> Recording:
+    if source.kind == "recording":
+        return load_recording(source.path)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read_recording(derive_recording_settings(source, settings, own, dt_s=dt_s))
+    footage = recording.meta.get("footage") or []
+    known = [sentence for clip in footage for sentence in clip["warnings"]]
+    for warning in caught:  # warnings about the video become findings
+        if not any(str(warning.message).endswith(sentence) for sentence in known):
+            warnings.warn(str(warning.message), warning.category, stacklevel=5)
+    return recording
+
+
+def _check_pictures(source: DataSource, recording: Recording, own: Recording) -> None:
+    """Check that images have the run's size, and their film the shape of the run's film before resizing."""
+    size, expected = recording.frames.shape[1:3], own.frames.shape[1:3]
     if size != expected:
         raise ValueError(
             f"{source.path}: images of {size[0]} x {size[1]} px, but the run was fitted to {expected[0]} x "
             f"{expected[1]}; give a recording that was read as the run's own was"
         )
-    recording, findings = drop_unusable_frames(recording)
-    shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
-    findings += check_camera(shift, source=Path(source.path).name)
-    log = read_input_log(source.inputs) if source.inputs else None
-    latents = run.chart.encode(run.autoencoder, recording.frames)
-    motion = make_video_trajectory(recording, latents, log=log, source=source.path)
-    _check_size(run, motion, source.path)
-    return RecordedTrajectory(_rename_inputs(motion, run), recording, shift, tuple(findings))
+    pictures, own_pictures = (
+        [clip["picture_px"] for clip in each.meta.get("clips") or () if "picture_px" in clip]
+        for each in (recording, own)
+    )
+    for (rows, columns), (own_rows, own_columns) in itertools.product(pictures, own_pictures):
+        if own.meta.get("crop") is None:
+            same = abs(columns * own_rows / (rows * own_columns) - 1.0) <= SAME_SHAPE
+        else:
+            same = (rows, columns) == (own_rows, own_columns)
+        if not same:
+            raise ValueError(
+                f"{source.path}: a film of {columns} x {rows} px (width x height), but the sim's has "
+                f"{own_columns} x {own_rows}; film both alike, or cut both to the same part of the scene"
+            )
 
 
-def _read_video(folder: Path, run: FittedRun, source: DataSource) -> Recording:
-    if source.kind == "recording":
-        return load_recording(source.path)
-    settings = derive_recording_settings(source, folder, run.recording, dt_s=run.chart.dt_s)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        recording = read_recording(settings)
-    footage = recording.meta.get("footage") or []
-    known = [sentence for clip in footage for sentence in clip["warnings"]]
-    for warning in caught:  # warnings about the video become findings
-        if not any(str(warning.message).endswith(sentence) for sentence in known):
-            warnings.warn(str(warning.message), warning.category, stacklevel=4)
-    return recording
+def _check_inputs(source: str, n_u: int, expected: int) -> None:
+    if n_u < expected:
+        raise ValueError(
+            f"{source}: {n_u} input(s), but the run was fitted with {expected}; give the inputs in a CSV "
+            "of the same stem with columns t, u0, ..., with zeros if nothing acted"
+        )
 
 
-def _check_size(run: FittedRun, motion: Trajectory, source: str) -> None:
+def _check_latents(run: FittedRun, motion: Trajectory, source: str) -> None:
     d, n_u = run.chart.d, run.chart.inputs.shape[1]
     if motion.d != d:
         raise ValueError(
             f"{source}: {motion.d} coordinate(s), but the run has {d} whitened latent(s); give a video, or "
             "latents that this run's autoencoder encoded"
         )
-    if motion.n_u < n_u:
-        raise ValueError(
-            f"{source}: {motion.n_u} input(s), but the run was fitted with {n_u}; give the inputs in a CSV "
-            "of the same stem with columns t, u0, ..., with zeros if nothing acted"
-        )
+    _check_inputs(source, motion.n_u, n_u)
 
 
 def _rename_inputs(motion: Trajectory, run: FittedRun) -> Trajectory:

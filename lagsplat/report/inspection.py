@@ -17,6 +17,7 @@ from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.mcap.recording import McapSurvey, TopicSummary
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.video.proposal import IMAGE_MODEL, propose_settings
 
 MAX_INPUTS = 8
 UNITS = {
@@ -31,8 +32,6 @@ UNITS = {
 """Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
 GAP_RATIO = 1.5  # a spacing above this many medians is a gap
 MAX_LISTED = 5
-MAX_SIDE_PX = 96  # of a frame: enough for a mechanism on video, and quick to learn
-DEFAULT_PERIOD_FRAMES = 20.0  # where no period was measured: smoothing over one frame
 
 
 def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
@@ -213,22 +212,9 @@ def describe_video(recording: Recording) -> str:
 def propose_system(recording: Recording, *, path: Path, settings: RecordingConfig) -> str:
     """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user."""
     name = _make_name(path.stem).lower() or "film"
-    clips = recording.meta["footage"]
-    height, width = settings.height, settings.width
-    if height is None or width is None:
-        # in the proportions of the cropped frame
-        scale = min(1.0, MAX_SIDE_PX / max(recording.height, recording.width))
-        height, width = (max(1, round(side * scale)) for side in (recording.height, recording.width))
+    proposed, split = propose_settings(recording, settings), settings.split
+    model = "\n".join(f"  {key}: {value}" for key, value in IMAGE_MODEL.items())
     crop = "null" if settings.crop is None else str(list(settings.crop))
-    skips = [clip["skip_s"] for clip in clips if clip["skip_s"] is not None]
-    ends = [clip["end_s"] for clip in clips if clip["end_s"] is not None]
-    cameras = [(clip["camera"], clip["camera_limit_px"]) for clip in clips if clip["camera"] is not None]
-    moves = any(camera["rms_px"] > limit_px for camera, limit_px in cameras)
-    skip_s = max([settings.skip_s, *skips])
-    end_s = min([end for end in ends if end > skip_s], default=settings.end_s)
-    split = settings.split
-    samples = [clip["sampling"]["samples"] for clip in clips if clip["sampling"] is not None]
-    smoothing = min(samples, default=DEFAULT_PERIOD_FRAMES) / 20
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
 # @package _global_
@@ -241,29 +227,27 @@ system:
   title: {name.replace("_", " ")}
   film: video
   d: 1 # its number of degrees of freedom, which only you know
-  n_gaussians: 1500
-  batch: 8
-  encoder_rate: 2e-4
+{model}
 
 simulation: null
 
 recording:
   path: {str(path)!r}{images} # spacing of frames: {recording.dt_s:.6g} s
   rotate: {settings.rotate}
-  stabilise: {str(settings.stabilise or moves).lower()}
+  stabilise: {str(proposed.stabilise).lower()}
   grey: {str(settings.grey).lower()}
   crop: {crop} # x, y, width, height, tight around the motion
-  skip_s: {skip_s:g}
-  end_s: {_format_optional(end_s)}
-  height: {height}
-  width: {width}
+  skip_s: {proposed.skip_s:g}
+  end_s: {_format_optional(proposed.end_s)}
+  height: {proposed.height}
+  width: {proposed.width}
   split:
     train_fraction: {_format_optional(split.train_fraction)}
     held_out_frames: {_format_optional(split.held_out_frames)}
     held_out_clips: {_format_optional(split.held_out_clips)}
 
 chart:
-  smoothing_frames: {smoothing:.2g} # a twentieth of a period"""
+  smoothing_frames: {proposed.smoothing_frames:g} # a twentieth of a period"""
 
 
 def _format_optional(value: float | None) -> str:

@@ -39,7 +39,11 @@ def obtain_recording(experiment: Config) -> tuple[Recording, Truth | None]:
 
 
 def fit_run(
-    experiment: Config, *, out: str | os.PathLike[str], header: Mapping[str, Any] | None = None
+    experiment: Config,
+    *,
+    out: str | os.PathLike[str],
+    header: Mapping[str, Any] | None = None,
+    recording: Recording | None = None,
 ) -> FittedRun:
     """Fit every stage to the experiment's recording and write the artefacts to the folder ``out``.
 
@@ -50,6 +54,7 @@ def fit_run(
         experiment: From `lagsplat.compose`.
         out: The folder.
         header: Plain data kept in every artefact; the settings and the digest of the code if left out.
+        recording: The experiment's recording, where it has been read already.
 
     Raises:
         ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
@@ -64,7 +69,7 @@ def fit_run(
     out = Path(out).expanduser()
     if header is None:
         header = {"config": asdict(experiment), "code": code_digest(__name__)}
-    made, truth = obtain_recording(experiment)
+    made, truth = obtain_recording(experiment) if recording is None else (recording, None)
     recording = split_train_held_out(made, experiment.recording.split)
     train, _ = recording.split()
     save_recording(out / "recording.safetensors", recording)

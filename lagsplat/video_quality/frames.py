@@ -78,15 +78,15 @@ class Thumbnails:
     def __init__(self) -> None:
         self.pictures: list[UInt8[np.ndarray, "h w"]] = []  # grey, in order
         self.scale = 1.0  # pixels of the image per pixel of the thumbnail
-        self.width = 0  # of the images [pixel]
+        self.height, self.width = 0, 0  # of the images [pixel]
         self._every, self._seen = 1, 0
 
     def add(self, picture: UInt8[np.ndarray, "H W 3"]) -> None:
         """Keep ``picture`` (BGR) if it is its turn."""
         if self._seen % self._every == 0:
-            rows, self.width = picture.shape[:2]
-            self.scale = max(1.0, max(rows, self.width) / LONGEST_SIDE)
-            size = (max(1, round(rows / self.scale)), max(1, round(self.width / self.scale)))
+            self.height, self.width = picture.shape[:2]
+            self.scale = max(1.0, max(self.height, self.width) / LONGEST_SIDE)
+            size = (max(1, round(self.height / self.scale)), max(1, round(self.width / self.scale)))
             self.pictures.append(cv2.cvtColor(average_areas(picture, size), cv2.COLOR_BGR2GRAY))
         self._seen += 1
         if len(self.pictures) > MOST:

@@ -29,6 +29,8 @@ class DiagnoseConfig:
     actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
     targets: dict[str, str]  # inputs that are position targets, each with its coordinate: `{u0: q0}`
     without: list[str]  # effects that are left out of the catalogue
+    film_d: int  # coordinates of the mechanism in a film that is the simulator [count]
+    film_profile: str  # profile of the run that is fitted to such a film
     window_periods: float  # length of a simulated window [natural periods]
     steps_per_period: float  # integration steps in the shortest natural period, at least [count]
     identify_iterations: int  # iterations that fit a simulator to its own recordings [count]
@@ -55,7 +57,7 @@ class DiagnoseConfig:
         require_setting("diagnose.input_hold", hold, hold in ("linear", "zoh"), rule)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
-        counts = ("families", "places", "starts", "iterations", "identify_iterations")
+        counts = ("film_d", "families", "places", "starts", "iterations", "identify_iterations")
         require_least(self, "diagnose", 1, *counts)
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)

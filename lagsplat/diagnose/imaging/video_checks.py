@@ -193,18 +193,18 @@ def _measure_latent_shift(
 
 
 def derive_recording_settings(
-    source: DataSource, folder: Path, own: Recording, *, dt_s: float
+    source: DataSource, settings: Mapping[str, Any], own: Recording, *, dt_s: float
 ) -> RecordingConfig:
     """Derive the settings by which another recording is read like the run's own.
 
-    Images are rotated, cropped, resized and stabilised as for the run.
+    Images are rotated, cropped, resized and stabilised as for the run. ``settings`` are those of the run's
+    own recording, see `read_fitted_settings`, ``dt_s`` is its spacing of frames [s].
 
     Raises:
         ValueError: a log, while the run was not fitted to one.
     """
     from_images = source.kind != "krauss"
     meta = own.meta if from_images else {}
-    settings = _read_fitted_settings(folder)
     return RecordingConfig(
         kind=source.kind,
         path=source.path,
@@ -244,8 +244,8 @@ def _derive_spacing(source: DataSource, settings: Mapping[str, Any], dt_s: float
     return settings.get("dt_s") if Path(source.path).is_dir() and settings.get("kind") == "video" else None
 
 
-def _read_fitted_settings(folder: Path) -> dict[str, Any]:
-    """Settings of the run's own recording, as far as its files hold them."""
+def read_fitted_settings(folder: Path) -> dict[str, Any]:
+    """Settings of the own recording of the run in ``folder``, as far as its files hold them."""
     for place in (folder, *folder.resolve().parents[:2]):
         if (place / "dynamics.safetensors").is_file():
             header = read_header(place / "dynamics.safetensors")

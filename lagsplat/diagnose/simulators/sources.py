@@ -2,10 +2,9 @@
 
 import csv
 import re
-import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -76,55 +75,30 @@ def read_sources(
         if source.kind in VIDEO_KINDS:
             raise ValueError(
                 f"{source.path}: a video needs the encoder of a fitted run to become a trajectory; "
-                "give the run as sim=FOLDER, or give trajectories"
+                "give a film or a run as sim, or give trajectories"
             )
         if source.kind != "trajectory":
             raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
     return tuple(read_trajectory(source.path, columns=columns) for source in sources)
 
 
-def make_video_trajectory(
-    recording: Recording,
-    latents: np.ndarray,
-    *,
-    source: str,
-    log: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Trajectory:
-    """The trajectory of a video: its latents at the times of its frames, with its inputs.
+def make_video_trajectory(recording: Recording, latents: np.ndarray, *, source: str) -> Trajectory:
+    """The trajectory of a video: its latents (T, d) at the times of its frames, with its inputs.
 
-    ``latents`` (T, d) are those of its frames, ``source`` is the file's name, and ``log`` has times (N,) [s]
-    on the video's clock and inputs (N, n_u), which are interpolated. Frames that ``log`` does not cover are
-    left out, with a warning.
+    ``source`` is the file's name.
 
     Raises:
-        ValueError: latents of another length, inputs in the video and beside it, or a log of another time.
+        ValueError: latents of another length.
     """
     if latents.ndim != 2 or len(latents) != recording.n_frames:
         raise ValueError(f"{source}: latents of shape {latents.shape} for {recording.n_frames} frames")
-    name = Path(source).name
-    trajectory = Trajectory(
-        time_s=recording.time_s, q=latents, u=recording.inputs, segments=recording.segments, source=name
+    return Trajectory(
+        time_s=recording.time_s,
+        q=latents,
+        u=recording.inputs,
+        segments=recording.segments,
+        source=Path(source).name,
     )
-    if log is None:
-        return trajectory
-    if recording.inputs.shape[1]:
-        raise ValueError(f"{name}: inputs are in the video and in a table beside it; remove one of them")
-    time_s, inputs = log
-    slack = 0.5 * trajectory.dt_s
-    covered = (trajectory.time_s >= time_s[0] - slack) & (trajectory.time_s <= time_s[-1] + slack)
-    if not covered.any():
-        raise ValueError(
-            f"{name}: its frames are from {trajectory.time_s[0]:.6g} to {trajectory.time_s[-1]:.6g} s, "
-            f"its inputs from {time_s[0]:.6g} to {time_s[-1]:.6g} s; give both on one clock"
-        )
-    columns = [np.interp(trajectory.time_s, time_s, column) for column in inputs.T]
-    trajectory = replace(trajectory, u=np.stack(columns, axis=1), u_names=())
-    if covered.all():
-        return trajectory
-    warnings.warn(f"{name}: {(~covered).sum()} frames without inputs are left out", stacklevel=2)
-    first, last = np.flatnonzero(covered)[[0, -1]]
-    clips = [(max(a, int(first)), min(b, int(last) + 1)) for a, b in trajectory.segments]
-    return trajectory.pieces([(a, b) for a, b in clips if a < b])
 
 
 def _split_list(argument: str) -> list[str]:

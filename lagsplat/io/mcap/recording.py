@@ -76,7 +76,14 @@ def read_mcap(path: StrPath, topics: McapConfig, settings: FrameSettings) -> Rec
             "start_ns": camera.start_ns,
             "rotate": settings.rotate,
             "grey": settings.grey,
-            "clips": [{"source": path.name, "frames": len(frames), "start_s": float(time_s[0])}],
+            "clips": [
+                {
+                    "source": path.name,
+                    "frames": len(frames),
+                    "start_s": float(time_s[0]),
+                    "picture_px": [camera.thumbnails.height, camera.thumbnails.width],
+                }
+            ],
             "footage": [footage.numbers],
         },
     )

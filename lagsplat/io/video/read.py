@@ -128,8 +128,15 @@ def _read_clip(clip: VideoClip, settings: FrameSettings) -> _Film:
     footage = assess_video(whole, kept_s - clock[0], thumbnails, crop=settings.crop)
     for sentence in footage.warnings:
         warnings.warn(f"{source}: {sentence}", stacklevel=4)
-    meta = {"source": clip.path.name, "frames": len(whole), "first_s": clock[0], "start_s": times[n_same]}
-    return _Film(whole, kept_s, footage.numbers, {**meta, "duplicates": n_same})
+    meta = {
+        "source": clip.path.name,
+        "frames": len(whole),
+        "first_s": clock[0],
+        "start_s": times[n_same],
+        "duplicates": n_same,
+        "picture_px": [thumbnails.height, thumbnails.width],
+    }
+    return _Film(whole, kept_s, footage.numbers, meta)
 
 
 def _measure_path(clip: VideoClip, settings: FrameSettings) -> Float64[np.ndarray, "T 2"]:

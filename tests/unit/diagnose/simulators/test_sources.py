@@ -111,26 +111,13 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
         read_sources([DataSource("video", "bag.mp4")])
 
 
-def test_films_become_motions_with_the_inputs_of_a_log() -> None:
-    cut = film(segments=((0, 4), (4, 10)))
-    log = (np.array([-1.0, 0.6, 2.0]), np.array([[0.0, 1.0], [1.6, 1.0], [3.0, 1.0]]))
+def test_films_become_motions_with_their_inputs() -> None:
     latents = np.arange(10.0)[:, None]
-    motion = make_video_trajectory(cut, latents, log=log, source="films/bag.mp4")
-    assert (motion.source, motion.segments, motion.u_names) == ("bag.mp4", ((0, 4), (4, 10)), ("u0", "u1"))
-    np.testing.assert_allclose(motion.u, np.stack([1.0 + motion.time_s, np.ones(10)], axis=1))
-
-
-def test_frames_without_inputs_are_left_out() -> None:
-    latents = np.arange(10.0)[:, None]
-    log = (np.array([0.3, 0.7]), np.array([[1.0], [2.0]]))
-    with pytest.warns(UserWarning, match="5 frames without inputs"):
-        motion = make_video_trajectory(film(), latents, log=log, source="bag.mp4")
-    np.testing.assert_array_equal(motion.q[:, 0], [3, 4, 5, 6, 7])
-    with pytest.raises(ValueError, match="give both on one clock"):
-        make_video_trajectory(film(), latents, log=(log[0] + 9.0, log[1]), source="bag.mp4")
-    driven = film(inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",))
-    assert make_video_trajectory(driven, latents, source="arm.npz").u_names == ("u0",)
-    with pytest.raises(ValueError, match="in the video and in a table"):
-        make_video_trajectory(driven, latents, log=log, source="bag.mp4")
+    driven = film(
+        segments=((0, 4), (4, 10)), inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",)
+    )
+    motion = make_video_trajectory(driven, latents, source="films/arm.npz")
+    assert (motion.source, motion.segments, motion.u_names) == ("arm.npz", ((0, 4), (4, 10)), ("u0",))
+    np.testing.assert_array_equal(motion.q, latents)
     with pytest.raises(ValueError, match="for 10 frames"):
         make_video_trajectory(film(), latents[:4], source="bag.mp4")
