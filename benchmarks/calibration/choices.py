@@ -15,7 +15,8 @@ from lagsplat.diagnose.verdict.features import compute_features
 from lagsplat.diagnose.verdict.judgement import name_main_causes
 
 SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
-LEFT_OUT_WEIGHT = 0.25  # of a recording without its true effect: so about a fifth have an unknown cause
+DECISIVE = 3.0  # log Bayes factor [nat], 20 to 1: strong evidence by Kass and Raftery (1995)
+LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: so about a quarter have an unknown cause
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
 
     Recordings are left out in which physics or noise hides the effect, as a generator does not always reach
     the gap that it aims at, or of which the data allow no verdict. Where the sim's own tolerances close the
-    gap, `none` is right as well, and an exact sim shows the cause.
+    gap, `none` is right as well, and an exact sim shows the cause. A recording without its true effect counts
+    if no other effect imitates it.
     """
     labelled = []
     for row in rows:
@@ -88,8 +90,18 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
         kind = "none" if not truth else "outside" if outside else "pair" if len(truth) > 1 else "single"
         labelled.append(_label(row, "full", kind))
-        labelled += [_label(row, which, which) for which in ("left_out", "exact") if which in row]
+        labelled += [_label(row, "exact", "exact")] if "exact" in row else []
+        if "left_out" in row and not _is_imitated(row):
+            labelled.append(_label(row, "left_out", "left_out"))
     return labelled
+
+
+def _is_imitated(row: Mapping[str, Any]) -> bool:
+    """Whether what is left without the true effects explains the recording as well as they do."""
+    names = {name for effect in row["answer"]["truth"] for name in effect["class"]}
+    true = [m["log_evidence"] for m in row["full"]["measures"][1:] if names & set(m["names"])]
+    others = [m["log_evidence"] for m in row["left_out"]["measures"]]
+    return max(true, default=-np.inf) < max(others) + DECISIVE and max(others) > DECISIVE
 
 
 def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:

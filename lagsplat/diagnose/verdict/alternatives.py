@@ -66,6 +66,12 @@ class Alternatives:
         return max(self.measures, key=lambda m: m.log_evidence)
 
     @property
+    def best_single(self) -> Measures | None:
+        """The single effect with the most evidence, if any was fitted."""
+        single = (m for m in self.measures if len(m.names) == 1)
+        return max(single, key=lambda m: m.log_evidence, default=None)
+
+    @property
     def least_misfit(self) -> float:
         """The least mean square residual [noise variances]."""
         return min(m.misfit for m in self.measures)

@@ -16,6 +16,7 @@ OF_EFFECTS = (
     "gain_z",  # asinh of the same in standard errors
     "evidence",  # log of one plus the log evidence over `none`
     "behind",  # log of one plus the nats behind the best alternative
+    "leads",  # 1 for the single effect with the most evidence
     "parameters",  # number of fitted parameters
     "surprise",  # log of one plus the squared distance from the prior means
     "memory",  # log of the samples of its residual that count as one
@@ -65,6 +66,7 @@ def _of_effects(alternatives: Alternatives, m: Measures) -> list[float]:
         float(np.arcsinh(m.gain_z)),
         evidence,
         float(np.log1p(alternatives.best.log_evidence - m.log_evidence)),
+        float(m is alternatives.best_single),
         float(m.parameters),
         float(np.log1p(m.surprise)),
         float(np.log(m.memory)),

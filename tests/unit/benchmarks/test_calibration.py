@@ -55,11 +55,14 @@ def test_what_is_right_depends_on_the_truth() -> None:
 
 
 def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
-    one = row(MADE, truth("creep")) | {"left_out": pack_alternatives(alternatives(effect("end_stop")))}
+    poor = alternatives(effect("end_stop", log_evidence=40.0))
+    one = row(MADE, truth("creep")) | {"left_out": pack_alternatives(poor)}
     whole, removed = label_rows([one])
     assert (whole.kind, removed.kind) == ("single", "left_out")
     assert removed.names[int(removed.choice.right.argmax())] == ("unknown",)
     assert removed.choice.weight < whole.choice.weight
+    imitated = {"left_out": pack_alternatives(alternatives(effect("end_stop")))}
+    assert [each.kind for each in label_rows([one | imitated])] == ["single"]
     assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
     assert label_rows([row(MADE, truth("creep"), undetermined=True)]) == []
     assert label_rows([row(MADE, truth("creep"), gap_ratio=1.1)]) == []

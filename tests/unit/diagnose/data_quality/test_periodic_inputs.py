@@ -44,6 +44,7 @@ def test_the_period_of_an_input_is_found(drive: np.ndarray, noise: float) -> Non
         np.sin(2.0 * np.pi * (0.2 + 0.05 * TIME_S) * TIME_S),
         np.ones(900),
         np.random.default_rng(0).normal(size=900),
+        np.diff(np.random.default_rng(0).normal(size=903), 3),  # a controller that chatters
         (TIME_S > 5.0).astype(float),
     ],
 )
