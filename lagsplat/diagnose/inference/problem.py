@@ -28,6 +28,9 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
+SHORTEST_WINDOW = 20  # frames of a window, at least [count]
+
+
 @dataclass(frozen=True)
 class EstimationProblem:
     """What a hypothesis is fitted to: a simulator beside the data, the windows, and the noise.
@@ -179,19 +182,20 @@ def build_problem(
     """The estimation problem of all hypotheses about ``real``.
 
     Windows are shortened where the sim, refitted, explains less than half of the motion: there a fit has
-    little to follow.
+    little to follow. An arm that stands upright, say, leaves its path within a fraction of its natural period.
 
     Raises:
         ValueError: the trajectories are too short for a single window.
     """
+    scale = sim.window_scale
     problem = _build_problem(sim, real, config)
-    for scale in IDENTIFICATION.window_scales:
+    while problem.windows.longest > SHORTEST_WINDOW:
         still = np.zeros(problem.rollout_model.nuisance.size)
         left = problem.fit((), still).misfit / problem.degrees_of_freedom
         if left <= (1.0 - PROBLEM.min_explained_share) * problem.motionless_misfit:
             break
-        shorter = min(scale, sim.window_scale)
-        problem = _build_problem(replace(sim, window_scale=shorter), real, config)
+        scale *= IDENTIFICATION.window_scales[0]
+        problem = _build_problem(replace(sim, window_scale=scale), real, config)
     return problem
 
 
@@ -215,9 +219,9 @@ def _build_problem(
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / shortest_s)))
     reach_s = config.window_periods * sim.window_scale * longest_s
-    windows = cut_windows(record, length_s=reach_s, min_frames=20)
+    windows = cut_windows(record, length_s=reach_s, min_frames=SHORTEST_WINDOW)
     if len(windows.first) < 4:
-        windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=20)
+        windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=SHORTEST_WINDOW)
     like = np.ones(len(windows.first), dtype=bool)  # windows that move as the sim was seen to move
     if sim.novelty_detector is not None:
         similar = sim.novelty_detector.find_similar(windows, ready.smooth, record)
