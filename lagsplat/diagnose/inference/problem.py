@@ -27,7 +27,6 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-
 SHORTEST_WINDOW = 20  # frames of a window, at least [count]
 
 
@@ -182,7 +181,7 @@ def build_problem(
     """The estimation problem of all hypotheses about ``real``.
 
     Windows are shortened where the sim, refitted, explains less than half of the motion: there a fit has
-    little to follow. An arm that stands upright, say, leaves its path within a fraction of its natural period.
+    little to follow. An upright arm, say, leaves its path within a fraction of its natural period.
 
     Raises:
         ValueError: the trajectories are too short for a single window.
