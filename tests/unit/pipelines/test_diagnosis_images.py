@@ -69,7 +69,7 @@ def diagnosed(recordings, mechanics):
 @pytest.fixture(scope="module")
 def image_content(recordings, mechanics):
     pair, found = diagnosed(recordings, mechanics)
-    return add_images(pair, DiagnosisRun(found.diagnosis, found.search, None, None), ReportContent())
+    return add_images(pair, DiagnosisRun(found.diagnosis, found.search, None, None, None), ReportContent())
 
 
 def test_the_error_budget_has_every_stage_with_its_floor(recordings, mechanics):
@@ -109,7 +109,7 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
     )
     pair, found = diagnosed(bare, mechanics)
     assert [stage.name for stage in compute_error_stages(pair, found)] == ["chart", "one step", "rollout"]
-    run = DiagnosisRun(found.diagnosis, found.search, None, None)
+    run = DiagnosisRun(found.diagnosis, found.search, None, None, None)
     found, content = add_images(pair, run, ReportContent())
     assert content.video is None
     assert "image" not in found.diagnosis.checks
@@ -118,7 +118,7 @@ def test_latents_without_images_have_no_perception_stage(recordings, mechanics):
 def test_where_the_gap_is_not_located_the_frames_are_compared_all_the_same(recordings, mechanics):
     pair, found = diagnosed(recordings, mechanics)
     lost = replace(found.diagnosis, where=None)
-    run, content = add_images(pair, DiagnosisRun(lost, found.search, None, None), ReportContent())
+    run, content = add_images(pair, DiagnosisRun(lost, found.search, None, None, None), ReportContent())
     assert run.diagnosis.where is None
     assert content.image_force is None
     assert content.image_error.excess.max() > 0.0
