@@ -1,5 +1,6 @@
 """Choices from measured recordings: which alternatives there were, and which of them are right."""
 
+import gzip
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from lagsplat.diagnose.verdict.features import compute_features
 from lagsplat.diagnose.verdict.judgement import name_main_causes
 
 SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
+DIGITS = 6  # of stored numbers
 DECISIVE = 3.0  # log Bayes factor [nat], 20 to 1: strong evidence by Kass and Raftery (1995)
 LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: so about a quarter have an unknown cause
 
@@ -48,10 +50,26 @@ class LabelledChoice:
 
 
 def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Rows of all files, in the order of the names; those with an error are left out."""
-    lines = (line for path in paths for line in path.read_text(encoding="utf-8").splitlines())
-    rows = (json.loads(line) for line in lines)
+    """Rows of all files, plain or compressed (``.gz``), in the order of their names; errors are left out."""
+    rows = []
+    for path in paths:
+        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open(encoding="utf-8") as lines:
+            rows += [json.loads(line) for line in lines]
     return sorted((row for row in rows if "full" in row), key=lambda row: str(row["id"]))
+
+
+def write_rows(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows to a compressed file, numbers to `DIGITS` digits; the same rows give the same bytes."""
+
+    def shorten(value: Any) -> Any:
+        if isinstance(value, float):
+            return float(f"{value:.{DIGITS}g}")
+        if isinstance(value, Mapping):
+            return {name: shorten(part) for name, part in value.items()}
+        return [shorten(part) for part in value] if isinstance(value, list | tuple) else value
+
+    text = "".join(json.dumps(shorten(row), separators=(",", ":")) + "\n" for row in rows)
+    path.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 
 def pack_alternatives(alternatives: Alternatives) -> dict[str, Any]:

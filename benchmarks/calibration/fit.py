@@ -1,8 +1,11 @@
 """Fit the choice model, and check it on sources and effects that it was not fitted to.
 
-Run as ``python -m benchmarks.calibration.fit MEASURES ... --out FOLDER``. Writes ``model.json``, the weights,
-and ``validation.csv``: for each way to leave data out, shares with Wilson's 95 % intervals, and the
-calibration error.
+Run as ``python -m benchmarks.calibration.fit MEASURES ... --out FOLDER``. Writes three files:
+
+- ``measures.jsonl.gz``: all that was measured, from which the same command makes the same model again;
+- ``model.json``: the weights;
+- ``validation.csv``: for each way to leave data out, shares with Wilson's 95 % intervals, and the calibration
+  error.
 """
 
 import argparse
@@ -13,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.calibration.choices import LabelledChoice, label_rows, read_rows, score_names
+from benchmarks.calibration.choices import LabelledChoice, label_rows, read_rows, score_names, write_rows
 from benchmarks.gapgen.metrics import calibration, wilson
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel, fit_choice_model
 from lagsplat.diagnose.verdict.features import NAMES
@@ -112,8 +115,10 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("measures", nargs="+", type=Path, help="files of benchmarks.calibration.measure")
     parser.add_argument("--out", type=Path, required=True, help="folder of the model and its validation")
     args = parser.parse_args(argv)
-    labelled = label_rows(read_rows(args.measures))
     args.out.mkdir(parents=True, exist_ok=True)
+    stored = args.out / "measures.jsonl.gz"
+    write_rows(stored, read_rows(args.measures))
+    labelled = label_rows(read_rows([stored]))
     with (args.out / "validation.csv").open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         table.writerow(["left out", "measure", "value", "low", "high", "n"])

@@ -62,6 +62,7 @@ rule calibration:
     output:
         model=f"{CALIBRATION}/model.json",
         validation=f"{CALIBRATION}/validation.csv",
+        measures=f"{CALIBRATION}/measures.jsonl.gz",
     log:
         f"{CALIBRATION}/logs/calibration.log",
     benchmark:

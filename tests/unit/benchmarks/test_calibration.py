@@ -7,15 +7,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.calibration.choices import label_rows, pack_alternatives, read_rows, unpack_alternatives
-from benchmarks.calibration.fit import GROUPS, predict_left_out, summarize
+from benchmarks.calibration.choices import (
+    label_rows,
+    pack_alternatives,
+    read_rows,
+    unpack_alternatives,
+    write_rows,
+)
+from benchmarks.calibration.fit import GROUPS, fit_weights, predict_left_out, summarize
 from benchmarks.calibration.fit import main as fit
 from benchmarks.calibration.measure import measure_split
 from benchmarks.gapgen.make import main as make
 from lagsplat.config.compose import compose
-from lagsplat.diagnose.verdict.choice_model import ChoiceModel
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
 from lagsplat.diagnose.verdict.features import NAMES, compute_features
 from tests.unit.diagnose.verdict.made_alternatives import NONE, alternatives, effect
+
+PUBLISHED = Path(__file__).parents[3] / "results" / "published" / "calibration" / "measures.jsonl.gz"
 
 
 def truth(name: str, *others: str) -> dict[str, Any]:
@@ -66,6 +74,21 @@ def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
     assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
     assert label_rows([row(MADE, truth("creep"), undetermined=True)]) == []
     assert label_rows([row(MADE, truth("creep"), gap_ratio=1.1)]) == []
+
+
+def test_stored_rows_are_those_measured_and_always_the_same_bytes(tmp_path: Path) -> None:
+    rows, files = [row(MADE, truth("creep"), noise=1.23456789e-3)], [tmp_path / f"{i}.gz" for i in range(2)]
+    for file in files:
+        write_rows(file, rows)
+    (kept,) = read_rows(files[:1])
+    assert kept["answer"]["noise"] == 1.23457e-3
+    assert unpack_alternatives(kept["full"]).measures == MADE.measures
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_the_model_in_use_is_the_fit_to_the_published_measures() -> None:
+    fitted = fit_weights(label_rows(read_rows([PUBLISHED])))
+    np.testing.assert_allclose(load_choice_model().weights, fitted.weights, rtol=1e-3, atol=1e-4)
 
 
 def draw_poor(rng: np.random.Generator) -> dict[str, float]:
