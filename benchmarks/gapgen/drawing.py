@@ -61,7 +61,7 @@ class _Bench:
         """Gap of the nominal mechanism on the noise-free real motion; infinite where that escapes."""
         try:
             clips = world_of(self.base, effects).move(self.plan)
-        except FloatingPointError:
+        except (FloatingPointError, ZeroDivisionError):
             return float("inf")
         ys = seen(clips, effects, self.base.d, self.plan.dt_s)
         rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
