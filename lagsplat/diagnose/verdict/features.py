@@ -22,6 +22,8 @@ OF_EFFECTS = (
     "memory",  # log of the samples of its residual that count as one
     "refit",  # log of one plus the penalty of the sim's own parameters
     "more_effects",  # effects beside the first
+    "added",  # log of the mean square residual of the best part of a set over that of the set
+    "added_error",  # the same of the held-out errors
     "single_samples",  # 1 for an effect on single samples
     "sample_evidence",  # for such an effect, its evidence once more
     "flexible",  # effects that imitate many others
@@ -72,10 +74,24 @@ def _of_effects(alternatives: Alternatives, m: Measures) -> list[float]:
         float(np.log(m.memory)),
         float(np.log1p(m.refit_penalty)),
         float(len(m.names) - 1),
+        *_of_last_effect(alternatives, m),
         float(m.single_samples),
         float(m.single_samples) * evidence,
         float(m.flexible),
         1.0 - m.recurrence,
+    ]
+
+
+def _of_last_effect(alternatives: Alternatives, m: Measures) -> list[float]:
+    """What a set gains over the best of the smaller sets in it; zero for a single effect."""
+    parts = [other for other in alternatives.measures[1:] if set(other.names) < set(m.names)]
+    if not parts:
+        return [0.0, 0.0]
+    part = max(parts, key=lambda other: other.log_evidence)
+    least = alternatives.nominal
+    return [
+        float(np.log(max(part.misfit, least) / max(m.misfit, least))),
+        float(np.log(part.error / m.error)),
     ]
 
 
