@@ -18,6 +18,7 @@ from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 FRICTION = {
     "coulomb_friction",
     "stribeck_friction",
+    "asymmetric_friction",
     "load_dependent_friction",
     "viscous_damping",
     "quadratic_drag",
