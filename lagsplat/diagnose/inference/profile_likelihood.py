@@ -83,16 +83,28 @@ def estimate_parameters(
     prior = make_joint_prior(hypothesis.fitted, problem.rollout_model)
     low, high = compute_laplace_interval(hypothesis, prior, noise_inflation)
     cut, record = hypothesis.parameter_slice(placed), problem.dataset
-    rows = (hypothesis.fit.x[cut], low[cut], high[cut])
-    best, *ends = (list_published_parameters(placed, row, record) for row in rows)
-    for key, value in best.items():
-        first, second = (end.get(key, value) for end in ends)
-        if isinstance(value, list) and not len(first) == len(second) == len(value):
-            first = second = value
-        elif not isinstance(value, list) and first > second:
-            first, second = second, first
+    best = hypothesis.fit.x[cut]
+    published = list_published_parameters(placed, best, record)
+    moved = []  # with one parameter after another at either end of its interval
+    for i, ends in enumerate(zip(low[cut], high[cut], strict=True)):
+        for end in ends:
+            x = best.copy()
+            x[i] = end
+            moved.append(list_published_parameters(placed, x, record))
+    for key, value in published.items():
+        others = [other.get(key, value) for other in moved]
+        alike = [other for other in others if np.shape(other) == np.shape(value)]
+        first, second = _combine_intervals(value, alike)
         out[key] = Parameter(value, first, second, format_parameter_unit(placed, key))
     return out
+
+
+def _combine_intervals(value: Any, others: Sequence[Any]) -> tuple[Any, Any]:
+    """Both ends of the interval of a number, or of each of several, from its changes by each parameter."""
+    change = np.array([np.subtract(other, value) for other in others]).reshape(-1, *np.shape(value))
+    low = np.subtract(value, np.sqrt(np.sum(np.minimum(change, 0.0) ** 2, axis=0)))
+    high = np.add(value, np.sqrt(np.sum(np.maximum(change, 0.0) ** 2, axis=0)))
+    return low.tolist(), high.tolist()
 
 
 def format_parameter_unit(placed: PlacedEffect, key: str) -> str:
@@ -100,13 +112,11 @@ def format_parameter_unit(placed: PlacedEffect, key: str) -> str:
     effect = placed.effect
     if key == "files":
         return "1"
-    if key in effect.report_units:
-        return effect.report_units[key]
-    if key.endswith("_hz"):
+    if key.endswith("_hz") and key not in effect.report_units:
         return "Hz"
     kinds = {p.name: p.kind for p in effect.parameters}
     kind = kinds.get(key, kinds.get(f"{key.removesuffix('s')} 0", effect.parameters[0].kind))
-    unit = effect.variant_units.get(placed.variant, UNITS[kind])
+    unit = effect.report_units.get(key, effect.variant_units.get(placed.variant, UNITS[kind]))
     locations = [part.location for part in placed.parts if key.endswith(f" {part.location}")]
     place = locations[0] if locations else placed.location
     name = f"({place})" if place and " " in place else place

@@ -162,7 +162,7 @@ def _list_missing(diagnosis: Diagnosis, titles: list[str]) -> list[str]:
 
 
 def _format_evidence(candidate: Candidate) -> str:
-    known = math.isfinite(candidate.log_evidence) and candidate.name != "none"
+    known = math.isfinite(candidate.log_evidence) and candidate.misfit is not None
     return format_number(candidate.log_evidence, digits=3) if known else "–"
 
 

@@ -80,6 +80,14 @@ def test_a_profile_peaks_at_the_fit_and_falls_by_its_interval(driven: Estimation
     assert profile.log_likelihood[-1] == pytest.approx(-0.5 * 3.5**2, rel=0.3)
 
 
+def test_a_size_made_of_two_parameters_is_within_its_interval(driven: EstimationProblem) -> None:
+    one = fitted(driven, "cogging")
+    told = estimate_parameters(driven, one, one.effects[0], TEMPER)
+    assert all(each.low <= each.value <= each.high for each in told.values())
+    assert told["pitch"].unit == "q0"
+    assert told["pitch"].low < told["pitch"].value < told["pitch"].high
+
+
 def test_a_periodic_force_shows_a_whole_period() -> None:
     short = contest([film(seconds=8.0)])
     along = measure_motion_scales(short.rollout_model, ALONG)
