@@ -96,6 +96,19 @@ def test_gaps_are_cut_and_short_ones_are_not() -> None:
     assert cut_gaps(motion, period_s=None) == (motion, ())
 
 
+@pytest.mark.parametrize(("first", "cuts"), [(300, 0), (448, 1)])
+def test_a_driven_motion_is_cut_where_its_input_bends_unseen(first: int, cuts: int) -> None:
+    """Two samples are missing, of a slow sine or where the input steps."""
+    motion = swing()
+    slow = np.sin(0.5 * motion.time_s) + (np.arange(motion.n) >= 450)
+    kept = np.delete(np.arange(motion.n), [first + 1, first + 2])
+    driven = replace(motion, u=slow[:, None], u_names=())
+    some = replace(driven, time_s=driven.time_s[kept], q=driven.q[kept], u=driven.u[kept], segments=())
+    found, findings = cut_gaps(some, period_s=10.0 * PERIOD_S)
+    assert len(found.segments) == 1 + cuts
+    assert len(findings) == cuts
+
+
 @pytest.mark.parametrize("turn", [2.0 * np.pi, 360.0])
 def test_angles_are_continued_over_the_end_of_a_turn(turn: float) -> None:
     motion = swing(noise=0.001)

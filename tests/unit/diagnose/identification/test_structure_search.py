@@ -1,9 +1,11 @@
 """Laws that tell a motion alike: the one without coupled inertia is taken."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.identification.structure_search import decouple_inertia
+from lagsplat.diagnose.identification.structure_search import InformationCriterion, decouple_inertia
 from lagsplat.diagnose.mechanics.basis import make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
@@ -71,3 +73,15 @@ def test_an_inertia_that_would_not_be_positive_is_not_taken(
     heavy = change.copy()
     heavy[0] += 40.0
     assert decouple_inertia(coupled, 20.0 * heavy[None])[0] is coupled
+
+
+def test_correlated_samples_do_not_ask_for_more_terms() -> None:
+    small, large = (
+        InformationCriterion(misfit, n_data=2000.0, n_free=n, correlation=1.0)
+        for misfit, n in ((4000.0, 5), (3900.0, 9))
+    )
+    assert large.exceed(small) < 0.0  # 2.5 % of white noise are worth four terms
+    tied = [replace(each, correlation=8.0) for each in (small, large)]
+    assert tied[1].exceed(tied[0]) > 0.0
+    # an error of the law is correlated as well: the better fit shows what is noise
+    assert large.exceed(tied[0]) == large.exceed(small)

@@ -9,6 +9,7 @@ from lagsplat.diagnose.identification.weak_form import (
     build_model,
     build_regressors,
     build_weak_form_samples,
+    fit_explicit_model,
     solve_ridge,
 )
 from lagsplat.diagnose.mechanics.basis import add_angle_functions, make_polynomial_basis
@@ -132,3 +133,32 @@ def test_a_film_of_the_toy_is_that_of_the_model() -> None:
     """Two ways to the same motion: scipy on the written law, and the model's own acceleration."""
     record = recorded(oscillator(), [0.8, 0.0], seconds=3.0, u=[wave()])
     assert record.q[::2] == pytest.approx(film(u=wave(), seconds=3.0).q, abs=1e-5)
+
+
+def test_accelerations_give_a_law_where_coordinates_move_together() -> None:
+    """A cart without a spring and the pole that hangs from it swing as one."""
+    basis = make_polynomial_basis(4, centre=np.zeros(2), scale=np.array([0.06, 0.5]))
+    cart_pole = MechanicalModel(
+        basis=basis,
+        mass=np.array([[[2.0, 0.24], [0.24, 0.1]]]),
+        damping=np.array([[[0.02, 0.0], [0.0, 0.005]]]),
+        potential=np.array(
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.25]
+        ),  # of half the square of the angle, over 0.5 squared
+        input_map=np.zeros((0, 0, 2)),
+        dry=np.zeros(2),
+        drag=np.zeros(2),
+        width=np.ones(2),
+        rest=np.zeros(2),
+    )
+    record = recorded(cart_pole, [-0.06, 0.5, 0.0, 0.0], seconds=20.0, u=[])
+    samples = build_weak_form_samples(basis, record, record.q, width_s=0.6, speed=np.ones(2))
+    found = fit_explicit_model(samples, ModelStructure(1, 1, 6, 0), 1e-5, np.zeros(2))
+    assert found is not None
+    assert np.linalg.eigvalsh(found.mass[0]).min() > 0.0
+    assert np.trace(found.mass[0]) == pytest.approx(2.0)
+    true, own = (m.acceleration(record.q, record.v, record.u) for m in (cart_pole, found))
+    assert np.abs(own - true).max() < 0.02 * np.abs(true).max()
+    turning = build_candidate_bases(np.array([[-7.0, -7.0], [7.0, 7.0]]), degree=4)[0]
+    around = build_weak_form_samples(turning, record, record.q, width_s=0.6, speed=np.ones(2))
+    assert fit_explicit_model(around, ModelStructure(1, 1, turning.size, 0), 1e-5, np.zeros(2)) is None
