@@ -194,7 +194,10 @@ def build_problem(
         if left <= (1.0 - PROBLEM.min_explained_share) * problem.motionless_misfit:
             break
         scale *= IDENTIFICATION.window_scales[0]
-        problem = _build_problem(replace(sim, window_scale=scale), real, config)
+        shorter = _build_problem(replace(sim, window_scale=scale), real, config)
+        if shorter.windows.longest >= problem.windows.longest:
+            break
+        problem = shorter
     return problem
 
 
