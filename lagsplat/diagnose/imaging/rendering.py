@@ -82,7 +82,9 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
     weight = presence * area * motion
     inside = np.all((rest > 0.0) & (rest < [autoencoder.width, autoencoder.height]), axis=1)
     weight = np.where(inside, weight, 0.0)
-    order = np.argsort(-weight)
+    # equal weights stay equal whatever the order in which threads sum, so that clusters begin alike
+    weight = np.round(weight / max(float(weight.max()), np.finfo(float).tiny), 6)
+    order = np.argsort(-weight, kind="stable")
     enough = 1 + int(np.searchsorted(np.cumsum(weight[order]), IMAGES.body_share * weight.sum()))
     kept = order[:enough][weight[order[:enough]] > 0.0]
     if not len(kept):
