@@ -46,7 +46,12 @@ class LabelledChoice:
     @property
     def true_names(self) -> frozenset[str]:
         """All names that are right for one of the true effects."""
-        return frozenset(name for effect in self.truth for name in effect["class"])
+        return list_true_names(self.truth)
+
+
+def list_true_names(truth: Iterable[Mapping[str, Any]]) -> frozenset[str]:
+    """All names that are right for one of the true effects."""
+    return frozenset(name for effect in truth for name in effect["class"])
 
 
 def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
@@ -116,7 +121,7 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
 
 def _is_imitated(row: Mapping[str, Any]) -> bool:
     """Whether what is left without the true effects explains the recording as well as they do."""
-    names = {name for effect in row["answer"]["truth"] for name in effect["class"]}
+    names = list_true_names(row["answer"]["truth"])
     true = [m["log_evidence"] for m in row["full"]["measures"][1:] if names & set(m["names"])]
     others = [m["log_evidence"] for m in row["left_out"]["measures"]]
     return max(true, default=-np.inf) < max(others) + DECISIVE and max(others) > DECISIVE

@@ -20,6 +20,7 @@ from benchmarks.calibration.choices import LabelledChoice, label_rows, read_rows
 from benchmarks.gapgen.metrics import calibration, wilson
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel, fit_choice_model
 from lagsplat.diagnose.verdict.features import NAMES
+from lagsplat.diagnose.verdict.judgement import sum_by_cause
 from lagsplat.io.files.atomic import save_json
 
 RIDGE = 1.0  # precision of the prior of a weight on a feature of unit size; one recording weighs as much
@@ -59,14 +60,6 @@ GROUPS: dict[str, Callable[[LabelledChoice], Hashable]] = {
 """What is left out together: tenths of the recordings, sources of physics, families of effects."""
 
 
-def sum_by_cause(each: LabelledChoice, chances: np.ndarray) -> dict[str, float]:
-    """Probability of every name of being the main cause, the most probable first."""
-    sums: dict[str, float] = {}
-    for name, chance in zip(each.mains, chances, strict=True):
-        sums[name] = sums.get(name, 0.0) + float(chance)
-    return dict(sorted(sums.items(), key=lambda row: -row[1]))
-
-
 def summarize(
     labelled: Sequence[LabelledChoice], chances: Sequence[np.ndarray]
 ) -> list[tuple[str, float, float, float, int]]:
@@ -74,7 +67,7 @@ def summarize(
 
     A recording whose gap the sim's tolerances close is judged again beside an exact sim, as a diagnosis does.
     """
-    causes = [sum_by_cause(each, p) for each, p in zip(labelled, chances, strict=True)]
+    causes = [sum_by_cause(each.mains, p) for each, p in zip(labelled, chances, strict=True)]
     pairs = list(zip(labelled, causes, strict=True))
     exact = {each.recording: cause for each, cause in pairs if each.kind == "exact"}
     shares: dict[str, list[float]] = {}

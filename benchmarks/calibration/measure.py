@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration.choices import pack_alternatives
+from benchmarks.calibration.choices import list_true_names, pack_alternatives
 from benchmarks.gapgen.answers import left_out
 from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.diagnosis import NO_TOLERANCE, is_within_tolerance, search_gap
+from lagsplat.diagnose.diagnosis import is_within_tolerance, search_gap
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.effect_search import EffectSearch
 from lagsplat.diagnose.inference.holdout import forecast_holdout
@@ -49,9 +49,9 @@ def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseCon
         alternatives = measure_alternatives(search)
         row: dict[str, Any] = {"full": pack_alternatives(alternatives)}
         row["undetermined"] = bool(inputs.checked.undetermined) or not alternatives.explained
-        names = {name for effect in truth["truth"] for name in effect["class"]}
+        names = list_true_names(truth["truth"])
         if not row["undetermined"] and hides_in_tolerances(search, sim):
-            exact = search_gap(sim, inputs.real, config.scale_tolerances(NO_TOLERANCE), offset)
+            exact = search_gap(sim, inputs.real, config.without_tolerances(), offset)
             row["exact"] = pack_alternatives(measure_alternatives(exact))
         if names - {"unknown"} and not row["undetermined"]:
             without = search.leave_out(left_out(sorted(names)))

@@ -26,9 +26,6 @@ UNEXPLAINED = (
 )
 
 
-NO_TOLERANCE = 1e-3  # factor on tolerances that leaves hardly any [1]: fits weigh them beside other priors
-
-
 @dataclass(frozen=True)
 class DiagnosisRun:
     """A diagnosis with all fits that it compared, the chosen one, and forecasts of held-out blocks."""
@@ -111,9 +108,7 @@ def diagnose(
         return run
     if run.holdout is None or not is_within_tolerance(run.holdout):
         return run
-    exact = _judge_gap(
-        sim, real, config.scale_tolerances(NO_TOLERANCE), log_evidence_offset, report_progress, model
-    )
+    exact = _judge_gap(sim, real, config.without_tolerances(), log_evidence_offset, report_progress, model)
     if exact.diagnosis.verdict != "effect":
         return run
     before, found = run.diagnosis, exact.diagnosis

@@ -67,6 +67,10 @@ class DiagnoseConfig:
         """The same with the sim's own parameters ``factor`` times as uncertain, at most 0.5."""
         return replace(self, **{name: min(factor * getattr(self, name), 0.5) for name in TOLERANCES})
 
+    def without_tolerances(self) -> "DiagnoseConfig":
+        """The same with the sim's own parameters as good as certain."""
+        return self.scale_tolerances(VERDICT.exactness)
+
 
 @dataclass
 class BlindConfig:
@@ -256,6 +260,9 @@ class TIME_ALIGNMENT:
     equal_period_error: float = 0.02  # relative difference of periods [1] that count as one
     min_input_samples: int = 32  # samples of a clip whose input may be periodic [count]
     max_input_samples: int = 20000  # samples at which an input is compared with itself, at most [count]
+    unlike: float = (
+        0.5  # square difference of two stretches, over that of unrelated ones, that is no likeness
+    )
 
 
 # --- Residual
@@ -395,6 +402,8 @@ class IDENTIFICATION:
     fit_tolerance: float = 1e-4  # gain of a step that ends the fit, as a share of the misfit [1]
     window_scales: tuple[float, float] = (0.35, 0.12)  # window lengths about an unstable rest, relative [1]
     min_window_frames: int = 12  # frames of a window, at least [count]
+    symmetrizer_prior: float = 0.1  # weight of a unit inertia beside symmetric stiffness and damping [1]
+    min_inertia: float = 0.05  # smallest principal inertia in scaled coordinates, over the largest [1]
 
 
 # --- Given simulators
@@ -443,6 +452,7 @@ class PROBLEM:
     """Which windows and directions enter an estimation, and where effects are tried."""
 
     plausible_quantile: float = 0.999  # of chi-squared: prior distance that parameters plausibly have [1]
+    min_window_frames: int = 20  # frames of a window, at least [count]
     min_explained_share: float = 0.5  # share of the motion explained in windows of full length [1]
     min_known_share: float = 0.7  # share of windows a sim must know before others are left out [1]; 937389d
     max_open_directions: int = 6  # directions that identification leaves open, at most [count]; 0e95f8e
@@ -483,6 +493,7 @@ class VERDICT:
     deviation_floor: float = 0.01  # added to that standard deviation [prior standard deviations]; 6891504
     interval_z: float = 1.645  # half width of a 90 % interval [standard deviations]: the quantile of 0.95
     max_closures: int = 4  # candidates whose own closure is computed [count]; 0e95f8e
+    exactness: float = 1e-3  # factor on tolerances that leaves hardly any [1]; fits divide by them
     relaxation: float = 60.0  # factor on prior deviations [1]: thousandths become tens of per cent; 0fc4d5b
 
 

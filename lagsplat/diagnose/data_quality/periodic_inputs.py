@@ -10,8 +10,6 @@ from lagsplat.diagnose.core.config import TIME_ALIGNMENT
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-UNLIKE = 0.5  # mean square difference of two stretches, over that of unrelated ones, that is no likeness [1]
-
 
 def estimate_input_period_s(motions: Sequence[Trajectory], channel: int) -> float | None:
     """Estimate the shortest period [s] of an input; None if it does not repeat itself in every motion.
@@ -42,16 +40,16 @@ def _estimate_clip_period_s(clip: Trajectory, channel: int) -> float | None:
     square = np.cumsum(u**2)
     both = square[::-1][:n] + square[-1] - np.append(0.0, square)[:n]
     differing = 1.0 - 2.0 * product / np.maximum(both, np.finfo(float).tiny)
-    unlike = np.flatnonzero(differing > UNLIKE)
+    unlike = np.flatnonzero(differing > TIME_ALIGNMENT.unlike)
     if not unlike.size:
         return None
     later = differing[unlike[0] :]
     # a period that is no whole number of steps misses the lowest difference by half a step
     usual = np.mean(np.diff(u) ** 2) / (4.0 * np.mean(u**2))
-    alike = np.flatnonzero(later < min(TIME_ALIGNMENT.max_aperiodic_share + usual, UNLIKE))
+    alike = np.flatnonzero(later < min(TIME_ALIGNMENT.max_aperiodic_share + usual, TIME_ALIGNMENT.unlike))
     if not alike.size:
         return None
-    stop = alike[0] + int(np.argmax(np.append(later[alike[0] :] >= UNLIKE, True)))
+    stop = alike[0] + int(np.argmax(np.append(later[alike[0] :] >= TIME_ALIGNMENT.unlike, True)))
     return float(step_s * (unlike[0] + alike[0] + np.argmin(later[alike[0] : stop])))
 
 

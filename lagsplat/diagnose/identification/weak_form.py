@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from lagsplat.diagnose.core.config import IDENTIFICATION
 from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.mechanics.basis import POWER, Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import ModelStructure
-
-INERTIA_PRIOR = 0.1  # weight of a unit inertia beside the symmetry of stiffness and damping [1]
-MIN_INERTIA = 0.05  # smallest principal inertia in scaled coordinates, over the largest [1]
 
 
 @dataclass(frozen=True)
@@ -202,12 +200,12 @@ def _find_symmetrizer(*matrices: np.ndarray) -> Float64[np.ndarray, "d d"]:
     d = len(matrices[0])
     units = np.array([np.eye(d)[[i]].T @ np.eye(d)[[j]] for i in range(d) for j in range(i, d)])
     units = np.maximum(units, units.mT)
-    rows = [INERTIA_PRIOR * units.reshape(len(units), -1).T]
+    rows = [IDENTIFICATION.symmetrizer_prior * units.reshape(len(units), -1).T]
     for a in matrices:
         product = units @ a / max(float(np.linalg.norm(a)), 1e-300)
         rows.append((product - product.mT).reshape(len(units), -1).T)
     known = np.zeros(d * d * len(rows))
-    known[: d * d] = INERTIA_PRIOR * np.eye(d).ravel()
+    known[: d * d] = IDENTIFICATION.symmetrizer_prior * np.eye(d).ravel()
     inertia = np.tensordot(np.linalg.lstsq(np.concatenate(rows), known)[0], units, axes=1)
     values, vectors = np.linalg.eigh(inertia)
-    return (vectors * np.maximum(values, MIN_INERTIA * values.max())) @ vectors.T
+    return (vectors * np.maximum(values, IDENTIFICATION.min_inertia * values.max())) @ vectors.T

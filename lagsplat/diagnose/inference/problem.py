@@ -27,8 +27,6 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-SHORTEST_WINDOW = 20  # frames of a window, at least [count]
-
 
 @dataclass(frozen=True)
 class EstimationProblem:
@@ -188,7 +186,7 @@ def build_problem(
     """
     scale = sim.window_scale
     problem = _build_problem(sim, real, config)
-    while problem.windows.longest > SHORTEST_WINDOW:
+    while problem.windows.longest > PROBLEM.min_window_frames:
         still = np.zeros(problem.rollout_model.nuisance.size)
         left = problem.fit((), still).misfit / problem.degrees_of_freedom
         if left <= (1.0 - PROBLEM.min_explained_share) * problem.motionless_misfit:
@@ -221,9 +219,9 @@ def _build_problem(
     )
     steps = max(1, int(np.ceil(record.dt_s * config.steps_per_period / shortest_s)))
     reach_s = config.window_periods * sim.window_scale * longest_s
-    windows = cut_windows(record, length_s=reach_s, min_frames=SHORTEST_WINDOW)
+    windows = cut_windows(record, length_s=reach_s, min_frames=PROBLEM.min_window_frames)
     if len(windows.first) < 4:
-        windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=SHORTEST_WINDOW)
+        windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=PROBLEM.min_window_frames)
     like = np.ones(len(windows.first), dtype=bool)  # windows that move as the sim was seen to move
     if sim.novelty_detector is not None:
         similar = sim.novelty_detector.find_similar(windows, ready.smooth, record)

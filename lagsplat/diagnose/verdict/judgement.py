@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.core.result import Verdict
@@ -41,10 +42,7 @@ def judge_alternatives(
     """
     chances = np.exp(model.log_probabilities(compute_features(alternatives)))
     mains = name_main_causes(alternatives.measures)
-    probabilities = dict.fromkeys(("none", "unknown", *catalogue), 0.0)
-    for main, chance in zip(mains, chances, strict=True):
-        probabilities[main] += float(chance)
-    probabilities = _sort(probabilities)
+    probabilities = _sort(dict.fromkeys(("none", "unknown", *catalogue), 0.0) | sum_by_cause(mains, chances))
     first = next(iter(probabilities))
     verdict: Verdict = "none" if first == "none" else "unknown" if first == "unknown" else "effect"
     causes = [name for name in probabilities if name in mains[1:-1]]
@@ -63,6 +61,17 @@ def name_main_causes(measures: Sequence[Measures]) -> tuple[str, ...]:
     alone = {m.names[0]: m.log_evidence for m in measures if len(m.names) == 1}
     mains = (max(m.names, key=lambda name: alone.get(name, -np.inf)) for m in measures[1:])
     return ("none", *mains, "unknown")
+
+
+def sum_by_cause(mains: Sequence[str], chances: Float64[np.ndarray, " n"]) -> dict[str, float]:
+    """Probability of every name of being the main cause, the most probable first.
+
+    ``chances`` (n,) are the probabilities of the alternatives, ``mains`` what they stand for.
+    """
+    sums = dict.fromkeys(mains, 0.0)
+    for main, chance in zip(mains, chances, strict=True):
+        sums[main] += float(chance)
+    return _sort(sums)
 
 
 def _list_equivalent(
