@@ -148,7 +148,7 @@ def _equivalent_in_logs(effect: Effect, s: Stratum, same: set[str], *, single: b
     if name == "mass_change" and single:
         more |= {"payload"} if p["ratio"] > 1.0 else set()
         more |= {"viscous_damping"} if "pendulum" in s.system and not s.forced else set()
-    if name == "payload" and s.system in ("cart_pole", "mujoco_cart_pole", "furuta"):
+    if name == "payload" and s.system in ("cart_pole", "mujoco_cart_pole", "furuta", "rotational_actuator"):
         # it moves on the level, with a constant inertia
         more |= {"armature"}
     if name == "encoder_scale" and abs(p["scale"] - 1.0) < 0.1:

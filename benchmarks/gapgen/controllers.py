@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.gapgen.mechanisms import CART, CART_POLE, CHAIN, FURUTA, Mechanism
+from benchmarks.gapgen.mechanisms import CART, CART_POLE, CHAIN, FURUTA, ROTATIONAL_ACTUATOR, Mechanism
 from benchmarks.gapgen.mujoco_world import MUJOCO, MujocoMechanism
 
-CONTROLLED = ("pendulum", "linear_cart", "duffing_cart", "two_link", "cart_pole", "furuta", *MUJOCO)
-SPRING_SLOTS = {CART: 2, CART_POLE: 4, FURUTA: 6}
-DAMPING_SLOTS = {CART: 1, CART_POLE: 5, FURUTA: 7}
+CONTROLLED = (
+    *("pendulum", "linear_cart", "duffing_cart", "two_link", "cart_pole", "furuta", "rotational_actuator"),
+    *MUJOCO,
+)
+SPRING_SLOTS = {CART: 2, CART_POLE: 4, FURUTA: 6, ROTATIONAL_ACTUATOR: 4}
+DAMPING_SLOTS = {CART: 1, CART_POLE: 5, FURUTA: 7, ROTATIONAL_ACTUATOR: 6}
 
 
 def under_control(m: Mechanism, rng: np.random.Generator) -> Mechanism:

@@ -1,5 +1,5 @@
-"""Mechanisms whose recordings are made: open chains, a rocker, a cart on a spring, an elastic pendulum, and
-those of textbooks.
+"""Mechanisms whose recordings are made: open chains, a rocker, a cart on a spring, an elastic pendulum,
+those of textbooks, and those held back from calibrations.
 
 Each is ``M(q) a = f - h(q, v) - C v - grad V(q) + B u`` with its rest at ``q = 0``. Angles are in radians,
 lengths in metres, and every parameter is drawn anew for every recording.
@@ -11,12 +11,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from benchmarks.gapgen.held_back import (
+    bead_on_hoop,
+    elastic_joint,
+    quarter_car,
+    rotational_actuator,
+    ship_roll,
+)
 from benchmarks.gapgen.textbook import acrobot, cart_pole, furuta
 
 Array = NDArray[np.float64]
 CHAIN, ROCKER, CART, BAG = 0, 1, 2, 3
 # in the form of other authors
 CART_POLE, ACROBOT, FURUTA = 4, 5, 6
+SHIP_ROLL, BEAD_ON_HOOP, ELASTIC_JOINT, QUARTER_CAR, ROTATIONAL_ACTUATOR = 7, 8, 9, 10, 11
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,8 @@ def damping_slots(kind: int, d: int) -> list[int]:
     if kind == CHAIN:
         return list(range(1 + 4 * d, 1 + 5 * d))
     slots = {ROCKER: [2], CART: [1], BAG: [4, 5], CART_POLE: [5, 6], ACROBOT: [8, 9], FURUTA: [7, 8]}
-    return slots[kind]
+    slots |= {SHIP_ROLL: [1, 2], BEAD_ON_HOOP: [1], ELASTIC_JOINT: [4, 5], QUARTER_CAR: [5, 6, 7]}
+    return (slots | {ROTATIONAL_ACTUATOR: [6, 7]})[kind]
 
 
 @njit(cache=True)
@@ -158,6 +167,16 @@ def terms(kind, p, q, v, mass, bias, drag, grad):
         acrobot(p, q, v, mass, bias, drag, grad)
     elif kind == FURUTA:
         furuta(p, q, v, mass, bias, drag, grad)
+    elif kind == SHIP_ROLL:
+        ship_roll(p, q, v, mass, bias, drag, grad)
+    elif kind == BEAD_ON_HOOP:
+        bead_on_hoop(p, q, v, mass, bias, drag, grad)
+    elif kind == ELASTIC_JOINT:
+        elastic_joint(p, q, v, mass, bias, drag, grad)
+    elif kind == QUARTER_CAR:
+        quarter_car(p, q, v, mass, bias, drag, grad)
+    elif kind == ROTATIONAL_ACTUATOR:
+        rotational_actuator(p, q, v, mass, bias, drag, grad)
     else:
         m, g, k, length = p[0], p[1], p[2], p[3]
         reach = length + q[1]
@@ -287,6 +306,63 @@ def _furuta(rng: np.random.Generator) -> Mechanism:
     return Mechanism("furuta", FURUTA, 2, p, _inputs_of(rng, whole, 0), size)
 
 
+def _ship_roll(rng: np.random.Generator) -> Mechanism:
+    inertia, omega = draw_spread(rng, 0.4, 0.7), 2.0 * np.pi * rng.uniform(0.4, 1.1)
+    size = rng.uniform(0.25, 0.6)
+    k = inertia * omega**2
+    c = 2.0 * rng.uniform(0.005, 0.03) * omega * inertia
+    drag = c * rng.uniform(0.2, 1.0) / (size * omega)
+    p = np.array(
+        [inertia, c, drag, k, k * rng.uniform(0.1, 0.5) / size**2, k * rng.uniform(0.0, 0.2) / size**4]
+    )
+    return Mechanism("ship_roll", SHIP_ROLL, 1, p, np.array([[1.0]]), np.array([size]))
+
+
+def _bead_on_hoop(rng: np.random.Generator) -> Mechanism:
+    inertia, fall = draw_spread(rng, 0.02, 0.7), 9.81 / draw_spread(rng, 0.15, 0.5)
+    turning = fall * rng.uniform(0.2, 0.7)
+    c = 2.0 * rng.uniform(0.008, 0.04) * np.sqrt(fall - turning) * inertia
+    p = np.array([inertia, c, fall, turning])
+    return Mechanism("bead_on_hoop", BEAD_ON_HOOP, 1, p, np.array([[1.0]]), np.array([rng.uniform(0.3, 0.8)]))
+
+
+def _elastic_joint(rng: np.random.Generator) -> Mechanism:
+    link, omega = draw_spread(rng, 0.1, 0.6), 2.0 * np.pi * rng.uniform(0.6, 1.2)
+    motor = link * rng.uniform(0.3, 1.5)
+    weight = (link + motor) * omega**2
+    k = weight * rng.uniform(1.5, 5.0)
+    c = 2.0 * rng.uniform(0.01, 0.04, 2) * omega * np.array([link, motor])
+    p = np.array([link, weight, k, motor, *c])
+    size = rng.uniform(0.25, 0.6) * np.array([1.0, rng.uniform(1.0, 1.3)])
+    return Mechanism("elastic_joint", ELASTIC_JOINT, 2, p, _inputs_of(rng, np.array([link, motor]), 1), size)
+
+
+def _quarter_car(rng: np.random.Generator) -> Mechanism:
+    body, omega = draw_spread(rng, 3.0, 0.6), 2.0 * np.pi * rng.uniform(0.7, 1.4)
+    wheel, size = body * rng.uniform(0.2, 0.6), draw_spread(rng, 0.05, 0.5)
+    k = body * omega**2
+    tyre = k * rng.uniform(1.5, 4.0)
+    c = 2.0 * rng.uniform(0.01, 0.05, 3) * omega * np.array([body, body, wheel])
+    p = np.array([body, wheel, k, k * rng.uniform(0.0, 0.4) / size**2, tyre, *c])
+    # the actuator of an active suspension acts between body and wheel
+    b = np.diag([1.0, wheel / body]) if rng.random() < 0.5 else np.array([[1.0], [-1.0]])
+    return Mechanism("quarter_car", QUARTER_CAR, 2, p, b, size * np.array([1.0, rng.uniform(0.4, 0.7)]))
+
+
+def _rotational_actuator(rng: np.random.Generator) -> Mechanism:
+    cart, rotor = draw_spread(rng, 1.0, 0.5), draw_spread(rng, 0.2, 0.5)
+    arm = draw_spread(rng, 0.1, 0.4)
+    own = rotor * arm**2 * rng.uniform(0.2, 1.5)
+    swing = np.sqrt(9.81 * rotor * arm / (own + rotor * arm**2))
+    k = (cart + rotor) * (swing * rng.uniform(0.6, 1.5)) ** 2
+    whole = np.array([cart + rotor, own + rotor * arm**2])
+    c = 2.0 * rng.uniform(0.01, 0.04, 2) * swing * whole
+    p = np.array([cart, rotor, arm, own, k, 9.81, *c])
+    size = np.array([arm * rng.uniform(0.2, 0.5), rng.uniform(0.3, 0.7)])
+    b = _inputs_of(rng, np.array([1.0, arm * rotor / (cart + rotor)]), 1)
+    return Mechanism("rotational_actuator", ROTATIONAL_ACTUATOR, 2, p, b, size)
+
+
 def draw_mechanism(system: str, rng: np.random.Generator) -> Mechanism:
     """A nominal mechanism of the named system.
 
@@ -304,6 +380,11 @@ def draw_mechanism(system: str, rng: np.random.Generator) -> Mechanism:
         "cart_pole": _cart_pole,
         "acrobot": _acrobot,
         "furuta": _furuta,
+        "ship_roll": _ship_roll,
+        "bead_on_hoop": _bead_on_hoop,
+        "elastic_joint": _elastic_joint,
+        "quarter_car": _quarter_car,
+        "rotational_actuator": _rotational_actuator,
     }
     if system not in makers:
         raise ValueError(f"system {system!r}: none such; choose from {sorted(makers)} and the two carts")

@@ -7,7 +7,18 @@ from numpy.typing import NDArray
 
 from benchmarks.gapgen import laws
 from benchmarks.gapgen.effect import Effect
-from benchmarks.gapgen.mechanisms import ACROBOT, BAG, CART, CART_POLE, CHAIN, FURUTA, ROCKER, Mechanism
+from benchmarks.gapgen.mechanisms import (
+    ACROBOT,
+    BAG,
+    CART,
+    CART_POLE,
+    CHAIN,
+    FURUTA,
+    QUARTER_CAR,
+    ROCKER,
+    ROTATIONAL_ACTUATOR,
+    Mechanism,
+)
 
 Array = NDArray[np.float64]
 
@@ -17,7 +28,7 @@ def masses_of(m: Mechanism) -> list[int]:
     if m.kind == CHAIN:
         return [*range(1, 1 + m.d), *range(1 + 2 * m.d, 1 + 3 * m.d)]
     slots = {ROCKER: [0], CART: [0], BAG: [0], CART_POLE: [0, 1], ACROBOT: [0, 1, 5, 6], FURUTA: [0, 1, 4]}
-    return slots[m.kind]
+    return (slots | {QUARTER_CAR: [0, 1]})[m.kind]
 
 
 def with_payload(m: Mechanism, i: int, kg: float) -> Mechanism:
@@ -29,7 +40,7 @@ def with_payload(m: Mechanism, i: int, kg: float) -> Mechanism:
     p = m.p.copy()
     if m.kind == CHAIN:
         p[1 + i] += kg
-    elif m.kind in (CART, BAG) or (m.kind == CART_POLE and i == 0):
+    elif m.kind in (CART, BAG) or (m.kind in (CART_POLE, ROTATIONAL_ACTUATOR) and i == 0):
         p[0] += kg
     elif m.kind == ACROBOT:
         centre, inertia, far = (3, 5, p[2]) if i == 0 else (4, 6, 2.0 * p[4])

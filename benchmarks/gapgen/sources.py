@@ -1,4 +1,5 @@
-"""Who computes a recording's motion: the generator's own equations, MuJoCo, or equations of textbooks."""
+"""Who computes a recording's motion: the generator's own equations, MuJoCo, equations of textbooks, or those
+that are held back from calibrations."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,14 @@ from benchmarks.gapgen.payloads import with_payload
 Array = NDArray[np.float64]
 
 TEXTBOOK = ("cart_pole", "acrobot", "furuta")
-SOURCES = ("own", "mujoco", "textbook")
+HELD_BACK = ("ship_roll", "bead_on_hoop", "elastic_joint", "quarter_car", "rotational_actuator")
+SOURCES = ("own", "mujoco", "textbook", "held_back")
 
 
 def source_of(system: str) -> str:
     """The source of physics of a system by its name."""
-    return "mujoco" if system in MUJOCO else "textbook" if system in TEXTBOOK else "own"
+    others = {"mujoco": MUJOCO, "textbook": TEXTBOOK, "held_back": HELD_BACK}
+    return next((source for source, systems in others.items() if system in systems), "own")
 
 
 def draw_any(system: str, rng: np.random.Generator) -> Mechanism:

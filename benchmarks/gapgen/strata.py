@@ -11,7 +11,7 @@ from benchmarks.gapgen.effect import CAMERA, FAMILIES, MACHINE, MEMORY, NEEDS_IN
 from benchmarks.gapgen.files import MOST_SAMPLES
 from benchmarks.gapgen.mujoco_world import MUJOCO
 from benchmarks.gapgen.sensors import COLOURED, QUANTISED, QUANTISED_NOISE, WHITE, Conditions, Sensor
-from benchmarks.gapgen.sources import SOURCES, TEXTBOOK, source_of
+from benchmarks.gapgen.sources import HELD_BACK, SOURCES, TEXTBOOK, source_of
 
 NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE = 0.15, 0.12, 0.10
 SYSTEMS = {
@@ -23,8 +23,9 @@ SYSTEMS = {
 SYSTEMS["to2"] = SYSTEMS["d1"] * 2 + SYSTEMS["d2"]
 SYSTEMS["all"] = SYSTEMS["d1"] * 2 + ("two_link", "bag", "soft_robot")
 SYSTEMS["calibration"] = SYSTEMS["d1"] * 2 + SYSTEMS["d2"] + MUJOCO + TEXTBOOK
+SYSTEMS["held_back"] = HELD_BACK
 # groups whose conditions are drawn wide
-WIDE = ("calibration",)
+WIDE = ("calibration", "held_back")
 WIDE_NONE_SHARE, WIDE_PAIR_SHARE = 0.20, 0.12
 RATE_HZ, SPAN_S, NOISE_LEVEL, STEP = (20.0, 1000.0), (4.0, 60.0), (0.001, 0.03), (0.002, 0.02)
 RATIO, PAIR_RATIO = (1.2, 40.0), (3.0, 40.0)
@@ -57,15 +58,23 @@ WIDE_GROUPS = (
     (*GROUPS[2], "torque_speed_limit"),
     (*GROUPS[3], "cogging", "parametric_stiffness"),
 )
-TWO = ("two_link", "bag", "mujoco_two_link", "mujoco_cart_pole", *TEXTBOOK)
+TWO = ("two_link", "bag", "mujoco_two_link", "mujoco_cart_pole", *TEXTBOOK, "rotational_actuator")
 WHERE = {
-    "circulatory_force": TWO,
+    "circulatory_force": (*TWO, "elastic_joint", "quarter_car"),
     "base_motion": TWO,
     "controller_gain": CONTROLLED,
     # where weight is all that pulls, or nothing of the kind
-    "mass_change": ("pendulum", "rocker", "linear_cart", "mujoco_pendulum", "mujoco_cart", "acrobot"),
+    "mass_change": (
+        "pendulum",
+        "rocker",
+        "linear_cart",
+        "mujoco_pendulum",
+        "mujoco_cart",
+        "acrobot",
+        "quarter_car",
+    ),
     # where equations have a place for it at the first coordinate
-    "payload": ("pendulum", "linear_cart", "two_link", "cart_pole", "acrobot", "furuta", *MUJOCO),
+    "payload": (*("pendulum", "linear_cart", "two_link", *TEXTBOOK), "rotational_actuator", *MUJOCO),
 }
 """Systems that an effect of the wide groups is drawn on, where these are not all."""
 CONTROLLED_SHARE = 0.15
@@ -140,7 +149,8 @@ def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     singles = _spread(rng, list(WIDE_WEIGHTS), list(WIDE_WEIGHTS.values()), n - n_none - n_out - n_pair)
     outside = list(rng.permutation(np.resize(OUTSIDE_WIDE, max(n_out, 1))))[:n_out]
     labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
-    sources = _shares(rng, n, dict.fromkeys(SOURCES, 1.0))
+    there = {source_of(system) for system in SYSTEMS[systems]}
+    sources = _shares(rng, n, {source: 1.0 for source in SOURCES if source in there})
     kinds = _shares(rng, n, {WHITE: 2.0, COLOURED: 1.0, QUANTISED: 1.0})
     losing, sine = (_shares(rng, n, {"yes": x, "no": 1.0 - x}) for x in (0.2, 0.1))
     out = []

@@ -1,4 +1,4 @@
-"""Mechanisms of textbooks: the authors' own formulas for the accelerations, and energy."""
+"""Mechanisms of textbooks and those held back: the authors' own formulas, and energy."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.gapgen.mechanisms import Mechanism, damping_slots, draw_mechanism, terms
 from benchmarks.gapgen.motion import Plan, World
+from benchmarks.gapgen.sources import HELD_BACK, TEXTBOOK
 
 
 def undamped(system: str) -> Mechanism:
@@ -17,9 +18,14 @@ def undamped(system: str) -> Mechanism:
     return replace(m, p=p)
 
 
+def terms_of(m: Mechanism, q: Any, v: Any) -> tuple[Any, ...]:
+    work = np.zeros((m.d, m.d)), np.zeros(m.d), np.zeros(m.d), np.zeros(m.d)
+    terms(m.kind, m.p, q, v, *work)
+    return work
+
+
 def accelerations(m: Mechanism, q: Any, v: Any, push: Any) -> Any:
-    mass, bias, drag, grad = np.zeros((2, 2)), np.zeros(2), np.zeros(2), np.zeros(2)
-    terms(m.kind, m.p, q, v, mass, bias, drag, grad)
+    mass, bias, drag, grad = terms_of(m, q, v)
     return np.linalg.solve(mass, push - bias - drag - grad)
 
 
@@ -55,18 +61,41 @@ def test_the_acrobot_is_that_of_sutton_and_barto() -> None:
     assert np.allclose(found, [shoulder, elbow])
 
 
-@pytest.mark.parametrize("system", ["cart_pole", "acrobot", "furuta"])
+def test_the_rotational_actuator_is_that_of_bupp_bernstein_and_coppola() -> None:
+    m = undamped("rotational_actuator")
+    cart, rotor, e, own, k = m.p[:5]
+    m = replace(m, p=np.array([cart, rotor, e, own, k, 0.0, 0.0, 0.0]))  # theirs lies level
+    (x, theta), (_, rate), (force, torque) = q, v, push = (0.02, 0.7), (0.3, -1.1), (0.4, 0.05)
+    couple = rotor * e * np.cos(theta)
+    within = own + rotor * e**2
+    load = force - k * x + rotor * e * rate**2 * np.sin(theta)
+    slide = (within * load - couple * torque) / ((cart + rotor) * within - couple**2)
+    turn = (torque - couple * slide) / within
+    assert np.allclose(accelerations(m, np.array(q), np.array(v), np.array(push)), [slide, turn])
+
+
+@pytest.mark.parametrize("system", [*TEXTBOOK, *HELD_BACK])
 def test_energy_stays_without_damping(system: str) -> None:
     m = undamped(system)
-    plan = Plan(0.01, [0.0], [np.array([*(0.8 * m.size), 0.0, 0.0])], [0], [np.zeros((600, m.n_u))])
+    dt, n = 0.01 / max(m.frequencies_hz().max(), 1.0), 600
+    plan = Plan(dt, [0.0], [np.array([*(0.8 * m.size), *np.zeros(m.d)])], [0], [np.zeros((n, m.n_u))])
     x = World(m).move(plan)[0].x
-    kinetic, work = np.empty(600), np.empty((600, 2))
-    for k, state in enumerate(x):
-        mass, bias, drag, grad = np.zeros((2, 2)), np.zeros(2), np.zeros(2), np.zeros(2)
-        terms(m.kind, m.p, state[:2], state[2:], mass, bias, drag, grad)
-        kinetic[k] = 0.5 * state[2:] @ mass @ state[2:]
-        work[k] = grad
+    found = [terms_of(m, state[: m.d], state[m.d :]) for state in x]
+    kinetic = np.array(
+        [0.5 * state[m.d :] @ mass @ state[m.d :] for state, (mass, *_) in zip(x, found, strict=True)]
+    )
+    work = np.array([grad for *_, grad in found])
     # the potential is what its gradient does along the way
-    step = np.diff(x[:, :2], axis=0) * 0.5 * (work[1:] + work[:-1])
+    step = np.diff(x[:, : m.d], axis=0) * 0.5 * (work[1:] + work[:-1])
     potential = np.concatenate([[0.0], np.cumsum(step.sum(1))])
     assert np.ptp(kinetic + potential) < 2e-3 * np.ptp(kinetic)
+
+
+@pytest.mark.parametrize("system", HELD_BACK)
+def test_mechanisms_held_back_are_stable_and_damped_at_rest(system: str) -> None:
+    for seed in range(20):
+        m = draw_mechanism(system, np.random.default_rng(seed))
+        assert np.all(np.linalg.eigvalsh(m.inertia_at_rest()) > 0.0)
+        assert np.all(np.linalg.eigvalsh(m.stiffness_at_rest()) > 0.0)
+        assert np.all(m.damping_at_rest() > 0.0)
+        assert 0.2 < m.frequencies_hz()[0] < 4.0

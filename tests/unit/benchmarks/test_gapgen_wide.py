@@ -25,7 +25,7 @@ from benchmarks.gapgen.sensors import (
     measured,
     quantisation_step,
 )
-from benchmarks.gapgen.sources import base_reach, draw_any, payload_kg, source_of, world_of
+from benchmarks.gapgen.sources import HELD_BACK, base_reach, draw_any, payload_kg, source_of, world_of
 from benchmarks.gapgen.strata import fits, strata
 
 
@@ -60,6 +60,15 @@ def test_shares_and_bounds_are_kept() -> None:
     assert min(ratios) < 1.6 < 30.0 < max(ratios)
     assert all(1.2 <= r <= 40.0 for r in ratios)
     assert all(s.forced for s in split if set(s.label) & set(NEEDS_INPUT))
+
+
+def test_what_is_held_back_is_in_no_calibration() -> None:
+    split = strata(b"k" * 16, "sealed", 100, "held_back")
+    assert {s.system for s in split} == set(HELD_BACK)
+    assert all(fits(s.system, s.label) for s in split)
+    assert all(s.conditions is not None for s in split)
+    assert not {s.system for s in split} & {s.system for s in strata(b"k" * 16, "cal", 300, "calibration")}
+    assert {label for s in split for label in s.label} >= set(MACHINE)
 
 
 def setting_on(m: Mechanism) -> Setting:
