@@ -9,7 +9,7 @@ from benchmarks.gap_baselines.case import Case
 from benchmarks.gap_baselines.contest import choose_by_error, open_contest
 from benchmarks.gap_baselines.said import Said, weigh
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.inference.holdout import HeldOutBlocks
+from lagsplat.diagnose.inference.holdout import HeldOutBlocks, split_windows
 from lagsplat.diagnose.inference.model_selection import rank_hypotheses
 from lagsplat.diagnose.inference.problem import HypothesisFit
 
@@ -25,7 +25,7 @@ def lowest_error(case: Case, config: DiagnoseConfig) -> Said:
     best: dict[str, HypothesisFit] = {"none": ranking.none}
     for fit in ranking.found:
         best.setdefault(fit.name, fit)
-    held_out = HeldOutBlocks(contest.problem)
+    held_out = HeldOutBlocks(contest.problem, split_windows(contest.problem, ranking.none))
     squares = {name: held_out.forecast(fit).squares for name, fit in best.items()}
     first, scores = choose_by_error(squares)
     if first == "none":

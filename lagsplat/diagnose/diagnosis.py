@@ -10,7 +10,7 @@ from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.effect_search import EffectSearch, search_effects
-from lagsplat.diagnose.inference.holdout import HoldoutForecasts, estimate_single_closure, forecast_holdout
+from lagsplat.diagnose.inference.holdout import HoldoutForecasts, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, build_problem
@@ -248,7 +248,7 @@ def _list_candidates(
         hypothesis, placed = fits[name]
         closure = None
         if number < VERDICT.max_closures and holdout is not None and placed.changes_motion:
-            closure = estimate_single_closure(problem, hypothesis, holdout)
+            closure = holdout.estimate_closure(hypothesis)
         out.append(
             Candidate(
                 name,

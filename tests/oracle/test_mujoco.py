@@ -161,7 +161,7 @@ CASES = [
     ("input_gain", {"ratio": 0.7}, "", 0.01),
     ("input_lag", {"time_constant": 0.15}, "", 0.01),
     ("input_delay", {"delay": 0.1}, "", 0.02),
-    ("input_saturation", {"limit": 0.3}, "", 0.01),
+    ("input_saturation", {"limit": 0.3, "sharpness": 300.0}, "", 0.01),
     ("end_stop", {"stiffness_ratio": 20.0, "position": 0.3}, "upper", 0.03),
 ]
 

@@ -274,7 +274,7 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
     """A saturated input, a heavier mechanism, drag on the whole, and a zoomed picture."""
     model, known = wild(2, 1, seed=3), catalogue()
     time, u = uneven(24, 1)
-    limit, ratio, gain, zoom, shift = 0.6, 1.4, 0.35, 0.1, -0.2
+    limit, sharpness, ratio, gain, zoom, shift = 0.6, 5.0, 1.4, 0.35, 0.1, -0.2
     place = Direction("q1", np.array([0.0, 1.0]), 1.0, float(model.rest[1]))
     effects = [
         PlacedEffect(known["input_saturation"], UNIT, channel=0),
@@ -282,7 +282,7 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
         PlacedEffect(known["viscous_damping"], UNIT),
         PlacedEffect(known["camera_change"], UNIT, direction=place),
     ]
-    inside = np.clip(u, -limit, limit)
+    inside = u / (1.0 + np.abs(u / limit) ** sharpness) ** (1.0 / sharpness)
     heavy = replace(model, mass=ratio * model.mass)
 
     def rate(t: float, x: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -301,7 +301,7 @@ def test_changes_of_input_model_and_camera_act_together() -> None:
         truth,
         windows,
         effects,
-        [math.log(limit), math.log(ratio), gain, zoom, shift],
+        [math.log(limit), math.log(sharpness), math.log(ratio), gain, zoom, shift],
         held=True,
         steps=8,
     )

@@ -27,11 +27,17 @@ class Forecast:
     expected: Float64[np.ndarray, "B L d"]
 
 
-def split_windows(problem: EstimationProblem) -> tuple[EstimationProblem, WindowSet]:
-    """Split into the problem on every other window and the windows in between, which are held out."""
-    number = np.arange(len(problem.windows.first))
-    kept = problem.windows.select(number % 2 == 0)
-    return replace(problem, windows=kept), problem.windows.select(number % 2 == 1)
+def split_windows(problem: EstimationProblem, none: HypothesisFit) -> tuple[EstimationProblem, WindowSet]:
+    """Split into the problem on a half of the windows and the other windows, which are held out.
+
+    Windows are dealt out in the order of what the sim alone, ``none``, leaves of them, so that both halves
+    see as much of the gap: what acts in a few windows is fitted to some and forecast in others.
+    """
+    length, residual = problem.windows.length, none.fit.residual
+    left = [(row[:n] ** 2).mean() for row, n in zip(residual, length, strict=True)]
+    held_out = np.zeros(len(length), dtype=bool)
+    held_out[np.argsort(left)[::-1][1::2]] = True
+    return replace(problem, windows=problem.windows.select(~held_out)), problem.windows.select(held_out)
 
 
 def cut_blocks(problem: EstimationProblem, held_out: WindowSet) -> WindowSet:
@@ -170,16 +176,14 @@ def keep_plausible(
 class HeldOutBlocks:
     """The held-out part of a recording, which one hypothesis after another forecasts."""
 
-    def __init__(
-        self, problem: EstimationProblem, split: tuple[EstimationProblem, WindowSet] | None = None
-    ) -> None:
-        """Cut the windows; ``split`` is what to fit and what to hold out, by default halves.
+    def __init__(self, problem: EstimationProblem, split: tuple[EstimationProblem, WindowSet]) -> None:
+        """Cut the windows; ``split`` is what to fit and what to hold out, as `split_windows` returns them.
 
         Raises:
             ValueError: the held-out part has no stretch of one period.
         """
         self.problem, record = problem, problem.dataset
-        self.half, held_out = split or split_windows(problem)
+        self.half, held_out = split
         self.blocks = cut_blocks(problem, held_out)
         self.rms, self.real = np.std(record.q, axis=0), self.blocks.take(record.q)
 
@@ -218,6 +222,7 @@ class HoldoutForecasts:
     a refit, over their floors.
     """
 
+    held_out: HeldOutBlocks
     gap: Gap
     blocks: tuple[Block, ...]
     before: np.ndarray
@@ -225,6 +230,10 @@ class HoldoutForecasts:
     beyond_refit: Interval
     given_over_floor: Interval
     refit_over_floor: Interval
+
+    def estimate_closure(self, hypothesis: HypothesisFit) -> Interval:
+        """Closure of another hypothesis on the same blocks."""
+        return estimate_closure(self.before, self.held_out.forecast(hypothesis).squares, self.floor)
 
 
 def forecast_holdout(
@@ -241,7 +250,7 @@ def forecast_holdout(
     Raises:
         ValueError: the held-out part has no stretch of one period.
     """
-    held_out, record = HeldOutBlocks(problem), problem.dataset
+    held_out, record = HeldOutBlocks(problem, split_windows(problem, none)), problem.dataset
     forecasts = {
         "before": held_out.forecast_given(given),
         "refit": held_out.forecast(none),
@@ -268,13 +277,4 @@ def forecast_holdout(
         bootstrap_blocks(lambda error, f: error / f, forecasts[name].squares, forecasts[name].floor)
         for name in ("before", "refit")
     )
-    return HoldoutForecasts(gap, tuple(rows), before, floor, beyond, *levels)
-
-
-def estimate_single_closure(
-    problem: EstimationProblem, hypothesis: HypothesisFit, holdout: HoldoutForecasts
-) -> Interval:
-    """Closure of another hypothesis on the same blocks."""
-    return estimate_closure(
-        holdout.before, HeldOutBlocks(problem).forecast(hypothesis).squares, holdout.floor
-    )
+    return HoldoutForecasts(held_out, gap, tuple(rows), before, floor, beyond, *levels)

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import label, mean
@@ -21,6 +22,12 @@ class ScoreTestResult:
     placed: PlacedEffect
     gain: float
     starts: tuple[np.ndarray, ...]  # parameters of the effect to start from, the best first
+    base: shooting.ShootingFit  # of the other effects, beside which it was tested
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.placed.effect.name
 
 
 def score_test(
@@ -49,7 +56,7 @@ def score_test(
             tried.append((gain, x))
         tried.sort(key=lambda row: -row[0])
         if tried:
-            scores.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3])))
+            scores.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3]), fit))
     return sorted(scores, key=lambda score: -score.gain)
 
 
@@ -162,8 +169,9 @@ def rank_hypotheses(
 ) -> ModelRanking:
     """Rank the candidates, each added to the ``known`` effects.
 
-    Two score tests choose what is fitted: one with the nuisance parameters fitted to the gap, one with them
-    at zero. The first cannot see an effect that the nuisance parameters imitate.
+    Two score tests choose what is fitted and where fits start: one with the nuisance parameters fitted to the
+    gap, one with them at zero. The first cannot see an effect that the nuisance parameters imitate, and a fit
+    that starts there may stay there.
     """
     n = problem.rollout_model.nuisance.size
     base = known or refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
@@ -172,27 +180,25 @@ def rank_hypotheses(
         unmoved = problem.with_nuisance(problem.rollout_model.nuisance.freeze()).fit((), np.zeros(n))
         if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
-    config, orders = budget.config, []
-    by_family: dict[str, list[tuple[ScoreTestResult, shooting.ShootingFit]]] = {}
-    for fit in beginnings:
-        scores = score_test(problem, base.effects, fit, candidates)
-        order = list(dict.fromkeys(score.placed.effect.name for score in scores))
-        orders.append(order[: config.families])
-        for score in scores:
-            family = by_family.setdefault(score.placed.effect.name, [])
-            is_new = all(previous.placed is not score.placed for previous, _ in family)
-            if is_new and len(family) < 2 * count_places(score.placed, config):
-                family.append((score, fit))
-    names = [name for row in zip(*orders, strict=False) for name in row]
-    names += [name for order in orders for name in order]
-    names += [name for name in config.always_fitted if name in by_family]
+    config, tests = budget.config, [score_test(problem, base.effects, fit, candidates) for fit in beginnings]
+    names = interleave([list(dict.fromkeys(test.name for test in row))[: config.families] for row in tests])
+    names += [name for name in config.always_fitted if any(test.name == name for test in tests[0])]
     found = []
     for name in dict.fromkeys(names):
         report_progress(name)
-        family = sorted(by_family[name], key=lambda pair: -pair[0].gain)
-        for score, fit in family[: count_places(family[0][0].placed, config)]:
-            found.append(try_candidate(problem, base.effects, fit, score, starts=config.starts))
+        by_place: dict[int, list[ScoreTestResult]] = {}
+        for test in interleave([[test for test in row if test.name == name] for row in tests]):
+            by_place.setdefault(id(test.placed), []).append(test)
+        places = list(by_place.values())
+        for place in places[: count_places(places[0][0].placed, config)]:
+            found.append(try_candidate(problem, base.effects, place, starts=config.starts))
     return finish_fits(problem, base, found, candidates, budget)
+
+
+def interleave(rows: Sequence[Sequence[Any]]) -> list[Any]:
+    """The first of every row, then the second of every row, and so on."""
+    longest = max((len(row) for row in rows), default=0)
+    return [row[k] for k in range(longest) for row in rows if k < len(row)]
 
 
 def count_places(placed: PlacedEffect, config: DiagnoseConfig) -> int:
@@ -315,20 +321,22 @@ def _scale_start(
 def try_candidate(
     problem: EstimationProblem,
     effects: tuple[PlacedEffect, ...],
-    base: shooting.ShootingFit,
-    score: ScoreTestResult,
+    tests: Sequence[ScoreTestResult],
     *,
     starts: int,
 ) -> HypothesisFit:
-    """A few steps of a fit of one candidate beside ``effects``, from each of its best starting points; the
+    """A few steps of a fit of one candidate beside ``effects``, from its ``starts`` best starting points; the
     best of these fits.
+
+    ``tests`` are of the same candidate at one place, beside one or several fits of ``effects``.
     """
-    near, together = HypothesisFit(effects, base).nearby_slopes, (*effects, score.placed)
+    together = (*effects, tests[0].placed)
     short = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
     fits = []
-    for x in score.starts[:starts]:
-        start = _scale_start(problem, together, base, x)
-        fits.append(short.fit(together, start, base.starts, near, brief=True))
+    for test, x in interleave([[(test, x) for x in test.starts] for test in tests])[:starts]:
+        start = _scale_start(problem, together, test.base, x)
+        near = HypothesisFit(effects, test.base).nearby_slopes
+        fits.append(short.fit(together, start, test.base.starts, near, brief=True))
     return HypothesisFit(together, min(fits, key=lambda fit: fit.cost))
 
 

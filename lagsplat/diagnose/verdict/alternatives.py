@@ -13,7 +13,7 @@ import numpy as np
 from lagsplat.diagnose.core.config import PROBLEM, VERDICT
 from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.inference.effect_search import EffectSearch
-from lagsplat.diagnose.inference.holdout import HeldOutBlocks
+from lagsplat.diagnose.inference.holdout import HeldOutBlocks, split_windows
 from lagsplat.diagnose.inference.model_selection import ModelRanking
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -144,7 +144,7 @@ def _forecast_all(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Held-out square errors of each block and their floors; where nothing is held out, those of the fits."""
     try:
-        windows = HeldOutBlocks(problem)
+        windows = HeldOutBlocks(problem, split_windows(problem, fits[0]))
     except ValueError:
         freedom = max(problem.degrees_of_freedom, FEWEST_FREE)
         size = float(np.mean((problem.sigma / np.std(problem.dataset.q, axis=0)) ** 2))

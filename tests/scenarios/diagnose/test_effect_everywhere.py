@@ -55,7 +55,7 @@ def best(one: EstimationProblem, offer: PlacedEffect):
     """The fit of one effect."""
     plain = one.fit((), np.zeros(one.rollout_model.nuisance.size))
     lead = score_test(one, (), plain, [offer])[0]
-    return continue_fit(one, try_candidate(one, (), plain, lead, starts=2))
+    return continue_fit(one, try_candidate(one, (), [lead], starts=2))
 
 
 def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:

@@ -1,5 +1,10 @@
-"""An actuator at its limit: ``u = clip(u, -limit, limit)``."""
+"""An actuator at its limit: ``u = u / (1 + |u / limit|^sharpness)^(1 / sharpness)``.
 
+A large sharpness cuts the input at the limit; flux, valves and amplifiers give way before it. The least
+sharpness, one, leaves no straight part.
+"""
+
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,12 +14,17 @@ from jaxtyping import Float64
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
+from lagsplat.diagnose.effects.parameters import EffectParameter, LogNormal, log_normal
 
 
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return the input, cut at the limit on both sides."""
-    return np.clip(signal.values, -theta[:, :1], theta[:, :1])
+def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray, "P M"]:
+    """Return the input, which comes ever closer to the limit on both sides."""
+    limit, sharpness = theta[:, :1], theta[:, 1:2]
+    size = np.abs(signal.values) / limit
+    # the larger of input and limit is divided out, so that no power overflows
+    small = np.minimum(size, 1.0 / np.maximum(size, 1e-300))
+    given = np.minimum(size, 1.0) / (1.0 + small**sharpness) ** (1.0 / sharpness)
+    return np.sign(signal.values) * limit * given
 
 
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
@@ -25,7 +35,7 @@ def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Gr
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Narrow the control range of the actuator."""
+    """Narrow the control range of the actuator, which cuts sharply."""
     actuator, selection = element.actuator, element.selection
     limit = float(values["limit"])
     i = selection.at_u[selection.actuators.index(actuator.name)]
@@ -41,8 +51,11 @@ EFFECT = InputEffect(
     name="input_saturation",
     group="C",
     number=4,
-    equation="u = clip(u_logged, -limit, limit)",
-    parameters=(EffectParameter("limit", "input", log_normal(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),),
+    equation="u = u_logged / (1 + |u_logged / limit|^sharpness)^(1 / sharpness)",
+    parameters=(
+        EffectParameter("limit", "input", log_normal(1.0, 0.5), (0.4, 0.7, 1.0, 1.4, 2.0)),
+        EffectParameter("sharpness", "ratio", LogNormal(1.0, math.log(10.0), lowest=0.0), (4.0, 20.0)),
+    ),
     needs="inputs on both sides of the limit",
     acts_everywhere=True,
     change=change,

@@ -41,7 +41,7 @@ EFFECT = replace(
     external_periodic_force.EFFECT,
     name="base_motion",
     number=6,
-    equation="M a = ... - M r cos(2 pi frequency t + phase), r a common direction of all coordinates",
+    equation="M a = ... - M r cos(2 pi frequency t + phase), and its harmonic, r a common direction of all",
     needs="two coordinates, and a stretch at rest of ten cycles",
     place=place,
     law=force,

@@ -1,4 +1,7 @@
-"""A vibration from outside: a periodic force at a frequency of its own, also while the mechanism rests."""
+"""A vibration from outside: a periodic force at a frequency of its own, also while the mechanism rests.
+
+Few machines shake like a pure sine, so it has a second harmonic.
+"""
 
 import math
 from collections.abc import Mapping
@@ -17,8 +20,9 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``cosine cos(omega t) + sine sin(omega t)``."""
-    return theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t)
+    """Return ``cosine cos(omega t) + sine sin(omega t)``, and the same at ``2 omega``."""
+    c, s = math.cos(theta[4] * t), math.sin(theta[4] * t)
+    return theta[0] * c + theta[1] * s + theta[2] * (c * c - s * s) + theta[3] * 2.0 * s * c
 
 
 def limit_period(effect: Effect, scales: Scales) -> Effect:
@@ -60,10 +64,12 @@ EFFECT = ForceEffect(
     group="E",
     number=3,
     component="exogenous",
-    equation="a = acceleration cos(2 pi frequency t + phase)",
+    equation="a = acceleration cos(2 pi frequency t + phase) + harmonic cos(4 pi frequency t + phase_2)",
     parameters=(
         EffectParameter("cosine", "acceleration", Normal(0.2)),
         EffectParameter("sine", "acceleration", Normal(0.2)),
+        EffectParameter("cosine_2", "acceleration", Normal(0.05)),
+        EffectParameter("sine_2", "acceleration", Normal(0.05)),
         EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
     needs="a stretch at rest of ten cycles",
@@ -72,6 +78,7 @@ EFFECT = ForceEffect(
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
         "acceleration": math.hypot(p["cosine"], p["sine"]),
+        "harmonic": math.hypot(p["cosine_2"], p["sine_2"]),
     },
     excitation=grade_excitation,
     confusable_with=("hidden_mode",),

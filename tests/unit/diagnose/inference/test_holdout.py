@@ -48,7 +48,7 @@ def made() -> tuple[EstimationProblem, HypothesisFit, HypothesisFit]:
 def test_what_is_held_out_is_not_fitted_to(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
-    half, held = split_windows(made[0])
+    half, held = split_windows(*made[:2])
     fitted = {(f, n) for f, n in zip(half.windows.first, half.windows.length, strict=True)}
     out = {(f, n) for f, n in zip(held.first, held.length, strict=True)}
     assert not fitted & out
@@ -92,22 +92,22 @@ def test_a_forecast_looks_at_ten_samples_only(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
     one, none, _ = made
-    blocks = cut_blocks(one, split_windows(one)[1])
-    told = forecast_blocks(one, blocks, (), fit_half(split_windows(one)[0], none))
+    blocks = cut_blocks(one, split_windows(one, none)[1])
+    told = forecast_blocks(one, blocks, (), fit_half(split_windows(one, none)[0], none))
     record = one.rollout_model.dataset
     changed = record.q.copy()
     for start, length in zip(blocks.first, blocks.length, strict=True):
         changed[start + 10 : start + length - 1] += 7.0
     other = replace(one, rollout_model=replace(one.rollout_model, dataset=replace(record, q=changed)))
-    again = forecast_blocks(other, blocks, (), fit_half(split_windows(one)[0], none))
+    again = forecast_blocks(other, blocks, (), fit_half(split_windows(one, none)[0], none))
     assert np.abs(again.y - told.y).max() < 1e-6
 
 
 def test_the_floor_is_the_error_that_the_true_model_makes(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
-    one, _, true = made
-    blocks = cut_blocks(one, split_windows(one)[1])
+    one, none, true = made
+    blocks = cut_blocks(one, split_windows(one, none)[1])
     told = forecast_blocks(one, blocks, true.effects, true.fit.x)
     errors = compute_relative_square_error(told.y - blocks.take(one.rollout_model.dataset.q), np.ones(1))
     assert errors.mean() == pytest.approx(told.expected.mean(), rel=0.35)
@@ -118,7 +118,7 @@ def test_the_sim_moves_no_further_than_is_plausible(
 ) -> None:
     """Its own stiffness could be thirty per cent larger, if nobody asked how likely that is."""
     one, none, true = made
-    half, deviation = split_windows(one)[0], one.rollout_model.nuisance.deviation
+    half, deviation = split_windows(one, none)[0], one.rollout_model.nuisance.deviation
     free = half.fit((), none.fit.x).x
     bounded = fit_half(half, none)
     limit = limit_squared_deviation(len(deviation))
@@ -132,7 +132,7 @@ def test_a_block_longer_than_what_is_held_out_is_refused(
     made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
 ) -> None:
     with pytest.raises(ValueError, match="record longer"):
-        cut_blocks(replace(made[0], period_s=50.0), split_windows(made[0])[1])
+        cut_blocks(replace(made[0], period_s=50.0), split_windows(*made[:2])[1])
 
 
 def test_closure_is_one_at_the_floor_zero_where_nothing_changed_and_nothing_without_a_gap() -> None:

@@ -57,7 +57,7 @@ def evidences(one: EstimationProblem) -> dict[str, float]:
     """Over `none`, of every effect that is tried."""
     none = none_of(one)
     leads = score_test(one, (), none.fit, offers(one))
-    fits = [continue_fit(one, try_candidate(one, (), none.fit, lead, starts=1)) for lead in leads]
+    fits = [continue_fit(one, try_candidate(one, (), [lead], starts=1)) for lead in leads]
     floor = compute_log_evidence(none, one.rollout_model, 1.0)
     return {
         fit.effects[0].effect.name: compute_log_evidence(fit, one.rollout_model, 1.0) - floor for fit in fits
@@ -84,7 +84,7 @@ def test_where_nothing_is_missing_every_effect_costs_evidence(faithful: Estimati
 def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) -> None:
     none = none_of(dragged)
     lead = score_test(dragged, (), none.fit, offers(dragged))[0]
-    found = continue_fit(dragged, try_candidate(dragged, (), none.fit, lead, starts=1))
+    found = continue_fit(dragged, try_candidate(dragged, (), [lead], starts=1))
     assert lead.placed.to_physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
     assert found.fit.misfit / dragged.degrees_of_freedom == pytest.approx(1.0, abs=0.15)
 
