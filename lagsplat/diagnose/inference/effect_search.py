@@ -25,21 +25,26 @@ from lagsplat.diagnose.inference.problem import (
 
 @dataclass(frozen=True)
 class EffectSearch:
-    """What was searched, and what was found: the fits of single effects and of growing sets."""
+    """What was searched, and what was found: the fits of single effects and of growing sets.
+
+    ``sets`` are the best single effect, pair and triple; ``rivals`` are other pairs and triples, with less
+    evidence.
+    """
 
     problem: EstimationProblem
     candidates: tuple[PlacedEffect, ...]
     budget: SearchBudget
     ranking: ModelRanking
     sets: tuple[HypothesisFit, ...]
+    rivals: tuple[HypothesisFit, ...] = ()
 
     def leave_out(self, names: Sequence[str]) -> "EffectSearch":
         """The same search without the effects ``names``; the other single effects are not fitted again."""
         found = tuple(fit for fit in self.ranking.found if fit.name not in names)
         candidates = tuple(each for each in self.candidates if each.effect.name not in names)
         ranking = replace(self.ranking, found=found)
-        sets = combine_effects(self.problem, ranking, candidates, self.budget)
-        return replace(self, candidates=candidates, ranking=ranking, sets=sets)
+        sets, rivals = combine_effects(self.problem, ranking, candidates, self.budget)
+        return replace(self, candidates=candidates, ranking=ranking, sets=sets, rivals=rivals)
 
 
 def search_effects(
@@ -54,13 +59,13 @@ def search_effects(
     Where no effect fits, the noise is larger than it was taken for, and all are fitted again under it.
     """
     ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-    sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
+    sets, rivals = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
     inflated = inflate_noise(problem, budget, sets[-1] if sets else ranking.none)
     if inflated is not None:
         problem, budget = inflated
         ranking = rank_hypotheses(problem, candidates, budget, report_progress=report_progress)
-        sets = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
-    return EffectSearch(problem, tuple(candidates), budget, ranking, sets)
+        sets, rivals = combine_effects(problem, ranking, candidates, budget, report_progress=report_progress)
+    return EffectSearch(problem, tuple(candidates), budget, ranking, sets, rivals)
 
 
 def list_probable_effects(ranking: ModelRanking) -> list[HypothesisFit]:
@@ -84,16 +89,16 @@ def combine_effects(
     budget: SearchBudget,
     *,
     report_progress: Callable[[str], None] = lambda name: None,
-) -> tuple[HypothesisFit, ...]:
-    """The best single effect, pair and triple, as long as a larger set has more evidence.
+) -> tuple[tuple[HypothesisFit, ...], tuple[HypothesisFit, ...]]:
+    """The best single effect, pair and triple, as long as a larger set has more evidence, and their rivals.
 
     A second effect is sought beside each of the best few single effects, so that the pair may hold another
-    first effect than the best single one. Half of the budget's families are fitted. Empty where nothing beats
-    `none`.
+    first effect than the best single one. Half of the budget's families are fitted. Other sets that were
+    fitted to their end are rivals. Both are empty where nothing beats `none`.
     """
     singles = list_probable_effects(ranking)
     if not singles:
-        return ()
+        return (), ()
     firsts = [fit for fit in singles if fit.effects[-1].changes_motion]
     families = max(3, budget.config.families // 2)
     narrow = replace(
@@ -104,6 +109,7 @@ def combine_effects(
     )
     ratio, freedom = budget.effective_sample_ratio, problem.degrees_of_freedom
     chain = [singles[0]]
+    rivals: list[HypothesisFit] = []
     while len(chain) < SELECTION.max_effects and (
         chain[-1].fit.misfit / freedom - budget.nominal > SELECTION.min_excess
         or compute_excess_penalty(chain[-1].fit, budget.nominal * ratio) > 0.0
@@ -113,7 +119,8 @@ def combine_effects(
             names = {placed.effect.name for placed in known.effects}
             others = [candidate for candidate in candidates if candidate.effect.name not in names]
             more = rank_hypotheses(problem, others, narrow, known=known, report_progress=report_progress)
-            larger += [fit for fit in more.found if fit.effects[-1].changes_motion][:1]
+            moving = [fit for fit in more.found if fit.effects[-1].changes_motion]
+            larger += moving[: SELECTION.continued_sets]
         if not larger:
             break
         least = min(fit.fit.misfit for fit in larger) / freedom
@@ -126,12 +133,22 @@ def combine_effects(
             base = compute_log_evidence(none, model, noise_inflation)
             return compute_log_evidence(fit, model, noise_inflation) - base
 
-        best = max(larger, key=measure)
+        distinct = _list_distinct_sets(sorted(larger, key=measure, reverse=True))
+        best = distinct[0]
         gain = measure(best) - measure(chain[-1])
+        rivals += distinct[1:] if gain > 0.0 else distinct
         if gain <= 0.0:
             break
         chain.append(replace(best, log_evidence=chain[-1].log_evidence + gain))
-    return tuple(chain)
+    return tuple(chain), tuple(rivals)
+
+
+def _list_distinct_sets(fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The first fit of every set of effects, in whatever order these were added."""
+    first: dict[frozenset[str], HypothesisFit] = {}
+    for fit in fits:
+        first.setdefault(frozenset(placed.effect.name for placed in fit.effects), fit)
+    return list(first.values())
 
 
 def inflate_noise(

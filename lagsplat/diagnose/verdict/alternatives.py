@@ -88,7 +88,8 @@ def measure_alternatives(search: EffectSearch) -> Alternatives:
     best: dict[str, HypothesisFit] = {}
     for fit in ranking.found:
         best.setdefault(fit.name, fit)
-    fits = (ranking.none, *best.values(), *(fit for fit in search.sets if len(fit.effects) > 1))
+    sets = (fit for fit in (*search.sets, *search.rivals) if len(fit.effects) > 1)
+    fits = (ranking.none, *best.values(), *sets)
     freedom, ratio = max(problem.degrees_of_freedom, FEWEST_FREE), budget.effective_sample_ratio
     chance = float(np.sqrt(2.0 * ratio / freedom))
     least = min(fit.fit.misfit for fit in fits) / freedom
