@@ -466,6 +466,7 @@ class PROBLEM:
 class SELECTION:
     """Search over effects, sets of several effects, and their fits."""
 
+    tested_windows: int = 12  # windows on which effects are tested and tried, at most [count]
     trial_iterations: int = 4  # iterations after which fits are compared and poor ones given up; 9b038105
     continued_sets: int = 2  # best fits that are continued where a further effect is sought [count]; 9b038105
     refined_sets: int = 1  # of these, fits that are refined to convergence [count]; 9b038105

@@ -9,10 +9,10 @@ rollouts, eq. (roll).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.normal_equations import EliminatedStates, NormalEquations, eliminate_states
@@ -68,6 +68,18 @@ class ShootingFit:
     def cost(self) -> float:
         """Misfit and penalty together."""
         return self.misfit + self.penalty
+
+    def select(self, windows: Int64[np.ndarray, " V"], frames: int) -> "ShootingFit":
+        """The fit as seen by some of its windows, the longest of which has so many ``frames``.
+
+        Sums over all windows (misfit, curvature) stay those of the whole.
+        """
+        residual = self.residual[windows, :frames]
+        size = residual[0].size
+        slopes, start_slopes = self.slopes[windows, :size], self.start_slopes[windows, :size]
+        return replace(
+            self, starts=self.starts[windows], residual=residual, slopes=slopes, start_slopes=start_slopes
+        )
 
 
 def compute_penalty(x: Float64[np.ndarray, "P k"], prior: GaussianPrior) -> Float64[np.ndarray, " P"]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int64
 from scipy.ndimage import label, mean
 
 from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
@@ -35,22 +36,26 @@ def score_test(
     effects: tuple[PlacedEffect, ...],
     fit: shooting.ShootingFit,
     candidates: Sequence[PlacedEffect],
+    windows: Int64[np.ndarray, " V"] | None = None,
 ) -> list[ScoreTestResult]:
     """The misfit that each candidate would remove beside ``effects``, to first order; the largest first.
 
+    ``fit`` is of ``effects`` on all windows; the test looks at ``windows`` alone, by default at all.
+
     Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
     """
+    problem, there = _select_windows(problem, fit, windows)
     prior = problem.prior(effects)
     linear = shooting.differentiate_predictions(
-        problem.predict(effects), fit.x, fit.starts, problem.data, prior.step
+        problem.predict(effects), there.x, there.starts, problem.data, prior.step
     )
     scores = []
     for candidate in candidates:
         if not candidate.changes_motion:
             continue
         n, tried = candidate.effect.amplitudes, []
-        for x, change in _trial_changes(problem, effects, fit, candidate):
-            gain, amount = _score_gain(fit, linear, prior, change, candidate)
+        for x, change in _trial_changes(problem, effects, there, candidate):
+            gain, amount = _score_gain(there, linear, prior, change, candidate)
             if n:
                 x[:n] = amount
             tried.append((gain, x))
@@ -58,6 +63,25 @@ def score_test(
         if tried:
             scores.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3]), fit))
     return sorted(scores, key=lambda score: -score.gain)
+
+
+def choose_windows(fit: shooting.ShootingFit, length: Int64[np.ndarray, " W"]) -> Int64[np.ndarray, " V"]:
+    """At most `SELECTION.tested_windows` windows, evenly spaced in the order of what the fit leaves of them.
+
+    Those of which it leaves the most are among them: there an effect that acts rarely acts.
+    """
+    left = np.array([(row[:n] ** 2).mean() for row, n in zip(fit.residual, length, strict=True)])
+    most = min(len(left), SELECTION.tested_windows)
+    return np.sort(np.argsort(-left)[np.linspace(0, len(left) - 1, most).round().astype(np.int64)])
+
+
+def _select_windows(
+    problem: EstimationProblem, fit: shooting.ShootingFit, windows: np.ndarray | None
+) -> tuple[EstimationProblem, shooting.ShootingFit]:
+    if windows is None or len(windows) == len(fit.starts):
+        return problem, fit
+    part = replace(problem, windows=problem.windows.select(windows))
+    return part, fit.select(windows, part.windows.longest)
 
 
 def _trial_changes(
@@ -180,7 +204,8 @@ def rank_hypotheses(
         unmoved = problem.with_nuisance(problem.rollout_model.nuisance.freeze()).fit((), np.zeros(n))
         if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
             beginnings.append(replace(unmoved, x=np.zeros(n)))
-    config, tests = budget.config, [score_test(problem, base.effects, fit, candidates) for fit in beginnings]
+    config, windows = budget.config, choose_windows(base.fit, problem.windows.length)
+    tests = [score_test(problem, base.effects, fit, candidates, windows) for fit in beginnings]
     names = interleave([list(dict.fromkeys(test.name for test in row))[: config.families] for row in tests])
     names += [name for name in config.always_fitted if any(test.name == name for test in tests[0])]
     found = []
@@ -191,7 +216,7 @@ def rank_hypotheses(
             by_place.setdefault(id(test.placed), []).append(test)
         places = list(by_place.values())
         for place in places[: count_places(places[0][0].placed, config)]:
-            found.append(try_candidate(problem, base.effects, place, starts=config.starts))
+            found.append(try_candidate(problem, base.effects, place, starts=config.starts, windows=windows))
     return finish_fits(problem, base, found, candidates, budget)
 
 
@@ -213,11 +238,12 @@ def finish_fits(
     candidates: Sequence[PlacedEffect],
     budget: SearchBudget,
 ) -> ModelRanking:
-    """Continue briefly fitted hypotheses, refine the best of them, and rank all."""
-    for finish, n in ((continue_fit, budget.continued), (refine_fit, budget.refined)):
-        found = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)
-        found[:n] = [finish(problem, hypothesis) for hypothesis in found[:n]]
-    return rank_by_evidence(problem, base, found, candidates, budget)
+    """Continue the best of briefly fitted hypotheses, refine the best of these, and rank them."""
+    tried = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)[: budget.continued]
+    continued = [continue_fit(problem, hypothesis) for hypothesis in tried]
+    continued.sort(key=lambda hypothesis: hypothesis.fit.cost)
+    refined = [refine_fit(problem, hypothesis) for hypothesis in continued[: budget.refined]]
+    return rank_by_evidence(problem, base, [*refined, *continued[budget.refined :]], candidates, budget)
 
 
 def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
@@ -324,20 +350,31 @@ def try_candidate(
     tests: Sequence[ScoreTestResult],
     *,
     starts: int,
+    windows: Int64[np.ndarray, " V"] | None = None,
 ) -> HypothesisFit:
     """A few steps of a fit of one candidate beside ``effects``, from its ``starts`` best starting points; the
-    best of these fits.
+    best of these fits, to be continued.
 
-    ``tests`` are of the same candidate at one place, beside one or several fits of ``effects``.
+    ``tests`` are of the same candidate at one place, beside one or several fits of ``effects``. Where not all
+    ``windows`` are fitted, the others have the initial states of the fit of ``effects``.
     """
     together = (*effects, tests[0].placed)
-    short = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
     fits = []
     for test, x in interleave([[(test, x) for x in test.starts] for test in tests])[:starts]:
-        start = _scale_start(problem, together, test.base, x)
-        near = HypothesisFit(effects, test.base).nearby_slopes
-        fits.append(short.fit(together, start, test.base.starts, near, brief=True))
-    return HypothesisFit(together, min(fits, key=lambda fit: fit.cost))
+        part, base = _select_windows(problem, test.base, windows)
+        start, near = _scale_start(part, together, base, x), HypothesisFit(effects, base).nearby_slopes
+        short = replace(part, iterations=min(SELECTION.trial_iterations, part.iterations))
+        fits.append((short.fit(together, start, base.starts, near, brief=True), test.base))
+    fit, base = min(fits, key=lambda pair: pair[0].cost)
+    if windows is None or len(fit.starts) == len(base.starts):
+        return HypothesisFit(together, fit)
+    every = base.starts.copy()
+    every[windows] = fit.starts
+    # derivatives by the effects are computed anew when the fit is continued
+    known, n = base.slopes[..., sum(placed.size for placed in effects) :], len(fit.x)
+    unknown = np.zeros((*known.shape[:2], n - known.shape[2]))
+    slopes = np.concatenate([unknown, known], axis=2)
+    return HypothesisFit(together, replace(fit, starts=every, slopes=slopes, start_slopes=base.start_slopes))
 
 
 def continue_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
