@@ -22,6 +22,7 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
 Level = Literal["perception", "chart", "actuation", "dynamics"]
+Kind = Literal["parameter", "mechanism", "outside", "observation", "verdict"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ class EffectDescription:
     """An effect in words that need no training in mechanics."""
 
     title: str  # completes "the cause is ..."
-    kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
+    kind: Kind = "mechanism"
     """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
     from elsewhere, or sensor and clock; "verdict" for `none` and `unknown`."""
     what: str  # what the effect is, one sentence
@@ -70,7 +71,6 @@ class Effect(EffectDescription):
     """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
     """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
-    absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
     recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
     component: Component | None = None  # term of the equations of motion; None for sensor and clock
@@ -94,6 +94,11 @@ class Effect(EffectDescription):
     """The parameters of a diagnosis, where they are not those fitted; ``times`` by the dataset's clock."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
+
+    @property
+    def absorbed_by_fit(self) -> bool:
+        """Whether a simulation fitted to the same recording has it in its parameters."""
+        return self.kind == "parameter"
 
     @property
     def amplitudes(self) -> int:
@@ -169,6 +174,7 @@ class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Any
+    kind: Kind = "observation"
     group: str = "G"
     level: Level = "chart"
     mujoco: str = "it concerns the sensor of the recording, not the mechanism."
@@ -185,6 +191,7 @@ class SampleEffect(Effect):
 
     explain: Any
     repeats: bool = False  # it makes samples that repeat an earlier one
+    kind: Kind = "observation"
     group: str = "G"
     level: Level = "perception"
     along: Literal["each", "whole", "both"] = "whole"
