@@ -119,25 +119,25 @@ class MechanicalModel:
 
     def mass_at(self, q: States) -> Matrices:
         """The mass matrix ``M(q)``."""
-        return np.tensordot(self.basis.first(len(self.mass)).values(q), self.mass, 1)
+        return np.tensordot(self.basis.values(q)[:, : len(self.mass)], self.mass, 1)
 
     def damping_at(self, q: States) -> Matrices:
         """The damping matrix ``C(q)``."""
-        return np.tensordot(self.basis.first(len(self.damping)).values(q), self.damping, 1)
+        return np.tensordot(self.basis.values(q)[:, : len(self.damping)], self.damping, 1)
 
     def spring(self, q: States) -> States:
         """The conservative force ``-dV/dq``."""
-        slopes = self.basis.first(len(self.potential)).slopes(q)
+        slopes = self.basis.slopes(q)[:, : len(self.potential)]
         return -np.einsum("nki,k->ni", slopes, self.potential)
 
     def drive(self, q: States, u: Inputs) -> States:
         """The actuated force ``b(q)^T u``."""
-        field = np.tensordot(self.basis.first(len(self.input_map)).values(q), self.input_map, 1)
+        field = np.tensordot(self.basis.values(q)[:, : len(self.input_map)], self.input_map, 1)
         return np.einsum("nci,nc->ni", field, u)
 
     def force(self, q: States, v: States, u: Inputs) -> States:
         """Everything but inertia in ``M a = force``."""
-        slopes = np.einsum("nki,kab->niab", self.basis.first(len(self.mass)).slopes(q), self.mass)
+        slopes = np.einsum("nki,kab->niab", self.basis.slopes(q)[:, : len(self.mass)], self.mass)
         coriolis = np.einsum("niab,ni,nb->na", slopes, v, v)
         coriolis = coriolis - 0.5 * np.einsum("niab,na,nb->ni", slopes, v, v)
         friction = np.einsum("nij,nj->ni", self.damping_at(q), v)

@@ -29,7 +29,7 @@ def change(
     own = (order[:, i] != 0) & (np.delete(order, i, axis=1) == 0).all(axis=1)
     linear = int(np.flatnonzero(own & (kind == POWER) & (order[:, i] == 1))[0])
     share = theta[:, 0] * theta[:, 1]
-    potential, slopes = coefficients.potential.copy(), model.basis.first(n).slopes(model.rest[None])[0, :, i]
+    potential, slopes = coefficients.potential.copy(), model.basis.slopes(model.rest[None])[0, :n, i]
     at_rest = potential[:, own] @ slopes[own]
     potential[:, own] *= 1.0 + share[:, None]
     pull = share * at_rest + theta[:, 0] * theta[:, 2] * along.inertia
