@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, ParameterKind, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -244,12 +244,6 @@ class PlacedEffect:
         return not isinstance(self.effect, SampleEffect)
 
     @property
-    def label(self) -> str:
-        """For people: the effect and its location."""
-        everywhere = "everywhere" if self.parts else None
-        return " ".join(p for p in (self.effect.name, self.location, self.variant, everywhere) if p)
-
-    @property
     def location(self) -> str | None:
         """The coordinate or the input where it acts; None on the whole and everywhere."""
         return self.direction.name if self.direction else self.input_name
@@ -293,6 +287,26 @@ class PlacedEffect:
             p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
             for p, value in zip(self.effect.parameters, values, strict=True)
         }
+
+
+def drop_recorded_beginnings(
+    effects: Sequence[PlacedEffect], x: Float64[np.ndarray, " k"]
+) -> tuple[tuple[PlacedEffect, ...], Int64[np.ndarray, " n"]]:
+    """The effects, each at a single place, without parameters that say where a memory began in a recording.
+
+    With them come the places in ``x`` of the unknowns that are left; others than those of effects stay.
+    """
+    kept: list[PlacedEffect] = []
+    index: list[int] = []
+    at = 0
+    for placed in (part for effect in effects for part in effect.parts or (effect,)):
+        effect = placed.effect
+        if isinstance(effect, ForceEffect):
+            effect = effect.with_free_memory(())
+        index += range(at, at + len(effect.parameters))
+        kept.append(replace(placed, effect=effect))
+        at += placed.size
+    return tuple(kept), np.array([*index, *range(at, len(x))], dtype=np.int64)
 
 
 @dataclass(frozen=True)

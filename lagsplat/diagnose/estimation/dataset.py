@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
-from lagsplat.diagnose.data_quality.noise import fit_local_cubic, measure_noise
+from lagsplat.diagnose.data_quality.noise import fit_over_time, measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
@@ -24,12 +24,17 @@ class Dataset:
     time: Float64[np.ndarray, " N"]  # common clock [s]
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
-    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_local_cubic`."""
+    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_over_time`."""
     u: Float64[np.ndarray, "N n_u"]
     clips: Int64[np.ndarray, "C 2"]  # first frame and end of each clip; there is a cut between clips
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]  # number of the file of each clip
     shifts_s: tuple[float, ...]  # what each file's clock shows at zero of the common one [s]
+
+    @classmethod
+    def single_clip(cls, time: np.ndarray, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> "Dataset":
+        """Frames without a cut that belong to no file."""
+        return cls(time, q, v, u, np.array([[0, len(time)]]), ("",), np.zeros(1, dtype=np.int64), (0.0,))
 
     @property
     def d(self) -> int:
@@ -240,20 +245,15 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     ``period_s`` is the natural period [s]. Velocities come from a wider cubic where the noise is stronger
     (`CUBIC_WIDTHS`).
     """
-    samples = [(m.time_s, m.q, np.array(m.segments, dtype=np.int64)) for m in trajectories]
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
     sigma = np.maximum(
         measure_noise(trajectories, period_s=period_s).known_sigma, ESTIMATION.min_relative_noise * rms
     )
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
-    smooth, slope, bend = zip(*(fit_local_cubic(*each, width_s=width_s) for each in samples), strict=True)
-    return PreparedDataset(
-        join_trajectories(trajectories, slope),
-        np.concatenate(smooth),
-        np.concatenate(bend),
-        sigma,
-    )
+    fits = [fit_over_time(motion, width_s=width_s) for motion in trajectories]
+    smooth, bend = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("q", "a"))
+    return PreparedDataset(join_trajectories(trajectories, [fit.v for fit in fits]), smooth, bend, sigma)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import IDENTIFICATION
+from lagsplat.diagnose.data_quality.natural_period import compute_test_functions
 from lagsplat.diagnose.estimation.dataset import Dataset
 from lagsplat.diagnose.mechanics.basis import POWER, Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -49,9 +50,10 @@ def build_weak_form_samples(
         for centre in np.arange(time[0] + half, time[-1] - half + 1e-9, 0.5 * half):
             first, last = np.searchsorted(time, [centre - half, centre + half + 1e-12])
             s = (time[first:last] - centre) / half
-            keep = np.clip(1.0 - s * s, 0.0, None)
-            value, rate = keep**4 * step[first:last], -8.0 * s / half * keep**3 * step[first:last]
-            tests.append((slice(start + first, start + last), value, rate))
+            value, rate, _ = compute_test_functions(np.clip(s, -1.0, 1.0), half)
+            tests.append(
+                (slice(start + first, start + last), value * step[first:last], rate * step[first:last])
+            )
     return WeakFormSamples(basis, n_potential, dataset, q, speed, tuple(tests))
 
 
