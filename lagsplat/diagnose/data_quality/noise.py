@@ -69,7 +69,8 @@ def _fit_clips(motion: Trajectory, half_widths: Sequence[int]) -> LocalFit:
                 fitted[order, at] = max(order, 1) * terms[:, order] / scale[:, None] ** order
             if degree:
                 gain[at] = np.sqrt(inverse[:, 1, 1]) / scale
-    return LocalFit(*fitted, gain)
+    q, v, a = fitted
+    return LocalFit(q, v, a, gain)
 
 
 @dataclass(frozen=True)
