@@ -87,6 +87,10 @@ class WindowSet:
         index = self.first[:, None] + np.minimum(np.arange(self.longest), self.length[:, None] - 1)
         return values[index]
 
+    def initial_states(self, smooth: np.ndarray, dataset: Dataset) -> Float64[np.ndarray, "W s"]:
+        """States of the windows' first frames by smoothed coordinates (N, d) and estimated velocities."""
+        return np.concatenate([smooth, dataset.v], axis=1)[self.first]
+
     def select(self, chosen: np.ndarray) -> "WindowSet":
         """The windows that ``chosen``, a mask or an index, selects."""
         return WindowSet(self.first[chosen], self.length[chosen])
@@ -280,14 +284,14 @@ class OperatingRegion:
         return np.sqrt(np.mean(self.v**2, axis=0))
 
 
-def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
-    """About ``n`` states and inputs in the region of a dataset and `ESTIMATION.region_margin` around it.
+def sample_operating_region(dataset: Dataset, *, seed: int = 0) -> OperatingRegion:
+    """States and inputs in the region of a dataset and `ESTIMATION.region_margin` around it.
 
-    By default ``n`` is `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
+    They are `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
     changes is varied by its own size, or by 1, so that its influence can be measured.
     """
     rng = np.random.default_rng(seed)
-    half = max((REGION_POINTS * (1 + dataset.d) if n is None else n) // 2, 1)
+    half = REGION_POINTS * (1 + dataset.d) // 2
     visited = np.linspace(0, len(dataset.q) - 1, min(half, len(dataset.q))).astype(int)
     drawn = rng.integers(len(dataset.q), size=(3, half))
 

@@ -116,8 +116,8 @@ class IdentificationProblem:
 
     @property
     def initial_states(self) -> Float64[np.ndarray, "W s"]:
-        """Initial states of the windows by the smoothed coordinates and estimated velocities."""
-        return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
+        """Initial states of the windows."""
+        return self.windows.initial_states(self.smooth, self.dataset)
 
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
         """Rollouts of a model with its coefficients moved along ``moves`` (n, K)."""
