@@ -67,7 +67,7 @@ from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.inference.placement import place_effects
-from tests.unit.diagnose.toys import coupled
+from tests.unit.diagnose.toys import coupled, name_place
 
 EFFECTS = {
     module.EFFECT.name: module.EFFECT
@@ -200,7 +200,7 @@ def test_an_effect_that_is_absent_changes_nothing(bench: RolloutModel, held: boo
         if isinstance(one.effect, SampleEffect):
             continue
         seen.add(one.effect.name)
-        assert np.abs(moved(bench, one, absent(one)) - reference).max() <= 1e-12, one.label
+        assert np.abs(moved(bench, one, absent(one)) - reference).max() <= 1e-12, name_place(one)
     assert seen == {name for name, effect in EFFECTS.items() if not isinstance(effect, SampleEffect)}
 
 
@@ -208,7 +208,7 @@ def test_an_effect_that_is_there_changes_something(bench: RolloutModel) -> None:
     reference = moved(bench, None, np.zeros(0))
     for one in offers(bench):
         if not isinstance(one.effect, SampleEffect):
-            assert np.abs(moved(bench, one, usual(one)) - reference).max() > 1e-4, one.label
+            assert np.abs(moved(bench, one, usual(one)) - reference).max() > 1e-4, name_place(one)
 
 
 def test_a_window_is_seen_as_it_is_alone(bench: RolloutModel) -> None:
@@ -222,7 +222,7 @@ def test_a_window_is_seen_as_it_is_alone(bench: RolloutModel) -> None:
             only = WINDOWS.select(np.array([w]))
             whole = np.concatenate([x, np.zeros(bench.nuisance.size)])[None]
             alone = bench.roll_out([one], whole, starts(bench)[None, [w]], only)[0][0, 0]
-            assert np.abs(together[w, :length] - alone).max() < 1e-12, one.label
+            assert np.abs(together[w, :length] - alone).max() < 1e-12, name_place(one)
 
 
 def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(bench: RolloutModel) -> None:
@@ -237,7 +237,7 @@ def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(
             middle, ahead, behind = (moved(bench, one, x + sign * step) for sign in (0, 1, -1))
             forward, central = (ahead - middle) / step[i], (ahead - behind) / (2.0 * step[i])
             off = np.linalg.norm(forward - central)
-            assert off <= 0.02 * np.linalg.norm(central) + 1e-9, (one.label, parameter.name)
+            assert off <= 0.02 * np.linalg.norm(central) + 1e-9, (name_place(one), parameter.name)
 
 
 @pytest.mark.parametrize("name", PASSIVE)

@@ -8,7 +8,7 @@ import pytest
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
 from lagsplat.diagnose.estimation.rollout import ParameterSensitivity, SensitivityColumns
-from lagsplat.diagnose.mechanics.basis import evaluate_basis, evaluate_basis_curvature, find_highest_power
+from lagsplat.diagnose.mechanics.basis import differentiate_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
     ModelStructure,
@@ -152,10 +152,8 @@ def test_windows_that_end_early_have_no_slopes_beyond() -> None:
 def test_second_derivatives_of_the_basis_are_those_of_its_slopes(d: int) -> None:
     basis = wild(d, 0).basis
     q, h = np.random.default_rng(2).normal(0.0, 0.6, d), 1e-6
-    powers = np.empty((d, find_highest_power(basis.kind, basis.order) + 1))
-    value, slope, second = np.empty(basis.size), np.empty((basis.size, d)), np.empty((d, d, basis.size))
-    evaluate_basis(basis.kind, basis.order, basis.centre, basis.scale, q, powers, value, slope)
-    evaluate_basis_curvature(basis.kind, basis.order, basis.scale, powers, value, second)
+    slope, second = np.empty((d, basis.size)), np.empty((d, d, basis.size))
+    differentiate_basis(basis.arrays, basis.values(q[None])[0], slope, second)
     for i in range(d):
         ends = basis.slopes(np.stack([q - h * np.eye(d)[i], q + h * np.eye(d)[i]]))
         quotient = (ends[1] - ends[0]) / (2.0 * h)

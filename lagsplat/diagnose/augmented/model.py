@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import Direction, PlacedEffect, drop_recorded_beginnings
 from lagsplat.diagnose.effects.parameters import Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -74,20 +74,13 @@ def build_augmented(
     Effects of single samples move nothing, have no unknowns here and are left out. So are the unknowns that
     say where a memory began in the recording. ``region`` is that of the real recording.
     """
-    moving, kept, at = [], [], 0
-    for placed in (part for e in effects if e.changes_motion for part in e.parts or (e,)):
-        effect = placed.effect
-        if isinstance(effect, ForceEffect):
-            effect = effect.with_free_memory(())
-        kept += list(range(at, at + len(effect.parameters)))
-        moving.append(replace(placed, effect=effect))
-        at += placed.size
     x = np.asarray(x, dtype=np.float64)
+    moving, kept = drop_recorded_beginnings([placed for placed in effects if placed.changes_motion], x)
     return AugmentedSimulator(
         model=rollout_model.model,
         nuisance=rollout_model.nuisance,
-        effects=tuple(moving),
-        x=x[[*kept, *range(at, len(x))]],
+        effects=moving,
+        x=x[kept],
         held=rollout_model.held,
         step_s=rollout_model.dataset.dt_s / rollout_model.steps,
         dt_s=rollout_model.dataset.dt_s,

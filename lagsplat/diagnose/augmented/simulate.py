@@ -85,16 +85,9 @@ def simulate_augmented(
     u = signals.u
     if signals.push is not None:
         simulator, u = _add_push_inputs(simulator), np.concatenate([u, signals.push], axis=1)
-    dataset = Dataset(
-        time=np.ascontiguousarray(signals.time_s, dtype=np.float64),
-        q=np.repeat(at[0][None], n, axis=0),
-        v=np.repeat(at[1][None], n, axis=0),
-        u=u,
-        clips=np.array([[0, n]]),
-        files=("",),
-        file_of=np.zeros(1, dtype=np.int64),
-        shifts_s=(0.0,),
-    )
+    held_q, held_v = (np.repeat(x[None], n, axis=0) for x in at)
+    time = np.ascontiguousarray(signals.time_s, dtype=np.float64)
+    dataset = Dataset.single_clip(time, held_q, held_v, u)
     steps = max(1, int(np.ceil(np.diff(signals.time_s).max() / simulator.step_s - 1e-9)))
     held = simulator.held if held is None else held
     rollout_model = RolloutModel(simulator.model, dataset, simulator.nuisance, steps, held, dataset.q)

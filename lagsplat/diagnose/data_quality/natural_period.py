@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.signal import oaconvolve
+from scipy.signal import find_peaks, oaconvolve
 
 from lagsplat.diagnose.core.config import NATURAL_PERIOD
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -21,13 +21,7 @@ class _Clip:
 
 
 def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
-    """Estimate the undamped period [s] of the slowest mode; None where nothing swings."""
-    periods = estimate_natural_periods_s(motions)
-    return float(periods[0]) if len(periods) else None
-
-
-def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
-    """Estimate the undamped periods [s] of the modes, slowest first, m at most d; empty where nothing swings.
+    """Estimate the undamped period [s] of the slowest mode; None where nothing swings.
 
     Only modes that carry `NATURAL_PERIOD.min_mode_share` of the motion count. A linear law ``a = -K q - C v +
     B u + c + e t`` is fitted in the weak form: with test functions that vanish at both ends, derivatives fall
@@ -41,22 +35,22 @@ def estimate_natural_periods_s(motions: Sequence[Trajectory]) -> Float64[np.ndar
     """
     clips = _resample_clips(motions)
     if not clips:
-        return np.zeros(0)
+        return None
     longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
     shortest_s = NATURAL_PERIOD.min_test_samples * min(clip.dt_s for clip in clips)
     if longest_s <= shortest_s:
         return _estimate_turning_period(clips)
     count = max(2, round(NATURAL_PERIOD.lengths_per_decade * np.log10(longest_s / shortest_s)))
-    best_score, best_periods = -np.inf, np.zeros(0)
+    best_score, best_period_s = -np.inf, None
     for length_s in np.geomspace(shortest_s, longest_s, count):
-        periods, error = _fit_weak_law(clips, length_s)
-        if len(periods) == 0 or error > NATURAL_PERIOD.max_stiffness_error:
+        period_s, error = _fit_weak_law(clips, length_s)
+        if error > NATURAL_PERIOD.max_stiffness_error:
             continue
         # A test function misses a period much longer than itself and averages a much shorter one away.
-        score = -np.log(error) - 4.0 * np.log(periods[0] / length_s) ** 2
+        score = -np.log(error) - 4.0 * np.log(period_s / length_s) ** 2
         if score > best_score:
-            best_score, best_periods = score, periods
-    return best_periods if len(best_periods) else _estimate_turning_period(clips)
+            best_score, best_period_s = score, period_s
+    return _estimate_turning_period(clips) if best_period_s is None else best_period_s
 
 
 def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
@@ -89,8 +83,11 @@ def _resample_clips(motions: Sequence[Trajectory]) -> list[_Clip]:
     return clips
 
 
-def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods of the linear law by test functions of ``length_s`` [s], and the first's relative error."""
+def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[float, float]:
+    """Period [s] of the linear law by test functions of ``length_s`` [s], and its stiffness' relative error.
+
+    The error is infinite where there is no such law.
+    """
     left, right = [], []
     d = clips[0].q.shape[1]
     for number, clip in enumerate(clips):
@@ -110,20 +107,22 @@ def _fit_weak_law(clips: Sequence[_Clip], length_s: float) -> tuple[Float64[np.n
         left.append(weight * np.hstack([-value[:, :d], slope[:, :d], value[:, d:], trend]))
         right.append(weight * bend[:, :d])
     if not left:
-        return np.zeros(0), np.inf
+        return np.nan, np.inf
     rows, target = np.concatenate(left), np.concatenate(right)
     constants = rows[:, 2 * d + clips[0].u.shape[1] :]
     solution, _, rank, _ = np.linalg.lstsq(rows, target, rcond=1e-10)
     unforced = target - constants @ np.linalg.lstsq(constants, target, rcond=1e-10)[0]
     squared_error = ((target - rows @ solution) ** 2).sum(axis=0)
     if squared_error.sum() > (1.0 - NATURAL_PERIOD.min_explained_share) * (unforced**2).sum():
-        return np.zeros(0), np.inf
+        return np.nan, np.inf
     # Test functions overlap: four neighbours hold about as much information as one.
     freedom = len(rows) / 4.0 - rank
     if freedom < NATURAL_PERIOD.min_surplus:
-        return np.zeros(0), np.inf
+        return np.nan, np.inf
     variance = (squared_error + 1e-12 * (target**2).sum(axis=0)) / freedom
-    return _select_modes(solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips)
+    return _select_slowest_mode(
+        solution[:d].T, np.linalg.pinv(rows.T @ rows, rcond=1e-12)[:d, :d], variance, clips
+    )
 
 
 def compute_test_functions(
@@ -140,58 +139,44 @@ def compute_test_functions(
     )
 
 
-def _select_modes(
+def _select_slowest_mode(
     stiffness: np.ndarray, spread: np.ndarray, variance: np.ndarray, clips: Sequence[_Clip]
-) -> tuple[Float64[np.ndarray, " m"], float]:
-    """Periods [s] of the modes of ``a = -K q`` that carry enough of the motion, slowest first.
+) -> tuple[float, float]:
+    """Period [s] of the slowest mode of ``a = -K q`` that carries enough of the motion.
 
-    With them comes the relative standard error of the first mode's stiffness.
+    With it comes the relative standard error of the mode's stiffness.
     """
     values, shapes = np.linalg.eig(stiffness)
     if np.linalg.cond(shapes) > 1e8:
-        return np.zeros(0), np.inf
+        return np.nan, np.inf
     q = np.concatenate([clip.q - clip.q.mean(axis=0) for clip in clips])
     rows = np.linalg.inv(shapes)
     carried = (np.abs(q @ rows.T) ** 2).mean(axis=0) * (np.abs(shapes) ** 2).sum(axis=0)
     swings = (values.real > 0) & (np.abs(values.imag) < 0.5 * values.real)
     kept = np.flatnonzero(swings & (carried > NATURAL_PERIOD.min_mode_share * carried.sum()))
     if not kept.size:
-        return np.zeros(0), np.inf
-    kept = kept[np.argsort(values.real[kept])]
-    slowest = kept[0]
+        return np.nan, np.inf
+    slowest = kept[np.argmin(values.real[kept])]
     shape = shapes[:, slowest]
     error = (np.abs(rows[slowest]) ** 2 @ variance) * (shape.conj() @ spread @ shape)
-    periods = 2.0 * np.pi / np.sqrt(values.real[kept])
-    return periods, float(np.sqrt(error.real)) / float(values.real[slowest])
+    square = float(values.real[slowest])
+    return 2.0 * np.pi / np.sqrt(square), float(np.sqrt(error.real)) / square
 
 
-def _estimate_turning_period(clips: Sequence[_Clip]) -> Float64[np.ndarray, " m"]:
+def _estimate_turning_period(clips: Sequence[_Clip]) -> float | None:
     """Twice the median time between turning points, of the coordinate that turns most often."""
     halves_s = []
     for i in range(clips[0].q.shape[1] if clips else 0):
         halves = [np.diff(_find_turning_points(clip.q[:, i])) * clip.dt_s for clip in clips]
         halves_s.append(np.concatenate(halves))
     most_turns = max(halves_s, key=len, default=np.zeros(0))
-    return np.array([2.0 * float(np.median(most_turns))]) if len(most_turns) >= 2 else np.zeros(0)
+    return 2.0 * float(np.median(most_turns)) if len(most_turns) >= 2 else None
 
 
-def _find_turning_points(q: np.ndarray) -> list[int]:
+def _find_turning_points(q: np.ndarray) -> np.ndarray:
     """Samples at which a column reverses by more than `NATURAL_PERIOD.turn_size`, in its own deviations."""
-    turns: list[int] = []
-    low = high = 0
-    rising = None
-    for k, value in enumerate(q):
-        low = k if value < q[low] else low
-        high = k if value > q[high] else high
-        if rising is not False and q[high] - value > NATURAL_PERIOD.turn_size:
-            turns += [high] if rising else []
-            rising, low = False, k
-            high = k
-        elif rising is not True and value - q[low] > NATURAL_PERIOD.turn_size:
-            turns += [low] if rising is False else []
-            rising, high = True, k
-            low = k
-    return turns
+    turns = [find_peaks(side, prominence=NATURAL_PERIOD.turn_size)[0] for side in (q, -q)]
+    return np.sort(np.concatenate(turns))
 
 
 def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:

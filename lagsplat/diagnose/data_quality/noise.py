@@ -1,13 +1,10 @@
-"""Measurement noise of a recorded motion, and local polynomials that smooth it.
-
-`fit_locally` and `fit_local_cubic` differ at borders and in how they choose the window.
-"""
+"""Measurement noise of a recorded motion, and local polynomials that smooth it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 from scipy.stats import chi2
 
 from lagsplat.diagnose.core.config import NOISE_ESTIMATION
@@ -39,76 +36,41 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     """
     if half_width < 2:
         raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
-    fitted, gain = np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)
+    return _fit_clips(motion, [half_width] * len(motion.segments))
+
+
+def fit_over_time(motion: Trajectory, *, width_s: float) -> LocalFit:
+    """Fit cubics as `fit_locally` does, over ``width_s`` [s] or nine samples, whichever is more."""
+    half_widths = []
     for start, stop in motion.segments:
+        n = stop - start
+        dt_s = (motion.time_s[stop - 1] - motion.time_s[start]) / max(n - 1, 1)
+        wanted = max(round(0.5 * width_s / max(dt_s, 1e-12)), 4)
+        half_widths.append(min(wanted, (n - 1) // 2) if n > 4 else wanted)
+    return _fit_clips(motion, half_widths)
+
+
+def _fit_clips(motion: Trajectory, half_widths: Sequence[int]) -> LocalFit:
+    """Fit each clip in windows of ``2 half_width + 1`` samples."""
+    fitted, gain = np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)
+    for (start, stop), half_width in zip(motion.segments, half_widths, strict=True):
         width = min(2 * half_width + 1, stop - start)
+        degree = min(3, width - 1)
         for first in range(start, stop, CHUNK_SAMPLES):
             at = np.arange(first, min(first + CHUNK_SAMPLES, stop))
             window = np.clip(at - half_width, start, stop - width)[:, None] + np.arange(width)
-            weights = _compute_polynomial_weights(motion.time_s, at, window)
-            fitted[:, at] = np.einsum("nck,nkd->cnd", weights, motion.q[window])
-            gain[at] = np.linalg.norm(weights[:, 1], axis=1)
+            offset = motion.time_s[window] - motion.time_s[at][:, None]
+            scale = np.abs(offset).max(axis=1)
+            scale[scale == 0.0] = 1.0  # a clip of one sample: it has a value and nothing else
+            powers = (offset / scale[:, None])[..., None] ** np.arange(degree + 1)
+            inverse = np.linalg.inv(np.einsum("nki,nkj->nij", powers, powers))
+            terms = inverse @ np.einsum("nki,nkd->nid", powers, motion.q[window])
+            for order in range(min(2, degree) + 1):
+                fitted[order, at] = max(order, 1) * terms[:, order] / scale[:, None] ** order
+            if degree:
+                gain[at] = np.sqrt(inverse[:, 1, 1]) / scale
     q, v, a = fitted
     return LocalFit(q, v, a, gain)
-
-
-def _compute_polynomial_weights(
-    time_s: np.ndarray, at: np.ndarray, window: np.ndarray
-) -> Float64[np.ndarray, "N 3 K"]:
-    """Weights that turn the samples of a window into value, rate and acceleration at sample ``at``."""
-    degree = min(3, window.shape[1] - 1)
-    offset = time_s[window] - time_s[at][:, None]
-    scale = np.abs(offset).max(axis=1, keepdims=True)
-    scale[scale == 0.0] = 1.0  # a clip of one sample: it has a value and nothing else
-    powers = (offset / scale)[..., None] ** np.arange(degree + 1)
-    normal = np.einsum("nki,nkj->nij", powers, powers)
-    solved = np.linalg.solve(normal, powers.transpose(0, 2, 1))
-    weights = np.zeros((len(at), 3, window.shape[1]))
-    factor = np.array([1.0, 1.0, 2.0]) / scale ** np.arange(3)
-    kept = min(3, degree + 1)
-    weights[:, :kept] = solved[:, :kept] * factor[:, :kept, None]
-    return weights
-
-
-def fit_local_cubic(
-    time_s: Float64[np.ndarray, " N"],
-    q: Float64[np.ndarray, "N d"],
-    clips: Int64[np.ndarray, "C 2"],
-    *,
-    width_s: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value, slope and curvature (N, d) of the cubic fitted to the samples around each one.
-
-    The fit spans ``width_s`` or nine samples, whichever is more, and is one-sided where a clip ends.
-    """
-    smooth, slope, bend = np.empty_like(q), np.empty_like(q), np.empty_like(q)
-    for start, stop in clips:
-        clip, n = slice(start, stop), stop - start
-        half = _choose_half_width(time_s[clip], width_s)
-        if n < 5:
-            smooth[clip] = q[clip]
-            slope[clip] = np.gradient(q[clip], time_s[clip], axis=0) if n > 1 else 0.0
-            bend[clip] = 0.0
-            continue
-        dt = (time_s[stop - 1] - time_s[start]) / (n - 1)
-        centre = np.clip(np.arange(n), half, n - 1 - half)
-        index = start + centre[:, None] + np.arange(-half, half + 1)
-        x = (time_s[index] - time_s[clip, None]) / (half * dt)
-        degree = 3 if 2 * half + 1 > 5 else 2
-        powers = x[..., None] ** np.arange(degree + 1)
-        gram = np.einsum("nka,nkb->nab", powers, powers)
-        moment = np.einsum("nka,nkd->nad", powers, q[index])
-        solved = np.linalg.solve(gram, moment)
-        smooth[clip], slope[clip] = solved[:, 0], solved[:, 1] / (half * dt)
-        bend[clip] = 2.0 * solved[:, 2] / (half * dt) ** 2
-    return smooth, slope, bend
-
-
-def _choose_half_width(time_s: np.ndarray, width_s: float) -> int:
-    """Samples to either side in a window of ``width_s`` or of nine samples, inside a clip at ``time_s``."""
-    n = len(time_s)
-    dt = (time_s[-1] - time_s[0]) / max(n - 1, 1)
-    return int(min(max(round(0.5 * width_s / max(dt, 1e-12)), 4), (n - 1) // 2))
 
 
 @dataclass(frozen=True)

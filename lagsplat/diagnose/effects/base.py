@@ -15,13 +15,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, ParameterKind, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
 Level = Literal["perception", "chart", "actuation", "dynamics"]
+Kind = Literal["parameter", "mechanism", "outside", "observation", "verdict"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ class EffectDescription:
     """An effect in words that need no training in mechanics."""
 
     title: str  # completes "the cause is ..."
-    kind: Literal["parameter", "mechanism", "outside", "observation", "verdict"]
+    kind: Kind = "mechanism"
     """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
     from elsewhere, or sensor and clock; "verdict" for `none` and `unknown`."""
     what: str  # what the effect is, one sentence
@@ -70,7 +71,6 @@ class Effect(EffectDescription):
     """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
     """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
-    absorbed_by_fit: bool = False  # a simulation fitted to the same recording has it in its parameters
     recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
     component: Component | None = None  # term of the equations of motion; None for sensor and clock
@@ -94,6 +94,11 @@ class Effect(EffectDescription):
     """The parameters of a diagnosis, where they are not those fitted; ``times`` by the dataset's clock."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
+
+    @property
+    def absorbed_by_fit(self) -> bool:
+        """Whether a simulation fitted to the same recording has it in its parameters."""
+        return self.kind == "parameter"
 
     @property
     def amplitudes(self) -> int:
@@ -169,6 +174,7 @@ class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Any
+    kind: Kind = "observation"
     group: str = "G"
     level: Level = "chart"
     mujoco: str = "it concerns the sensor of the recording, not the mechanism."
@@ -185,6 +191,7 @@ class SampleEffect(Effect):
 
     explain: Any
     repeats: bool = False  # it makes samples that repeat an earlier one
+    kind: Kind = "observation"
     group: str = "G"
     level: Level = "perception"
     along: Literal["each", "whole", "both"] = "whole"
@@ -237,12 +244,6 @@ class PlacedEffect:
         return not isinstance(self.effect, SampleEffect)
 
     @property
-    def label(self) -> str:
-        """For people: the effect and its location."""
-        everywhere = "everywhere" if self.parts else None
-        return " ".join(p for p in (self.effect.name, self.location, self.variant, everywhere) if p)
-
-    @property
     def location(self) -> str | None:
         """The coordinate or the input where it acts; None on the whole and everywhere."""
         return self.direction.name if self.direction else self.input_name
@@ -286,6 +287,26 @@ class PlacedEffect:
             p.name: float(np.exp(value) if p.kind == "log_ratio" else value)
             for p, value in zip(self.effect.parameters, values, strict=True)
         }
+
+
+def drop_recorded_beginnings(
+    effects: Sequence[PlacedEffect], x: Float64[np.ndarray, " k"]
+) -> tuple[tuple[PlacedEffect, ...], Int64[np.ndarray, " n"]]:
+    """The effects, each at a single place, without parameters that say where a memory began in a recording.
+
+    With them come the places in ``x`` of the unknowns that are left; others than those of effects stay.
+    """
+    kept: list[PlacedEffect] = []
+    index: list[int] = []
+    at = 0
+    for placed in (part for effect in effects for part in effect.parts or (effect,)):
+        effect = placed.effect
+        if isinstance(effect, ForceEffect):
+            effect = effect.with_free_memory(())
+        index += range(at, at + len(effect.parameters))
+        kept.append(replace(placed, effect=effect))
+        at += placed.size
+    return tuple(kept), np.array([*index, *range(at, len(x))], dtype=np.int64)
 
 
 @dataclass(frozen=True)

@@ -108,3 +108,10 @@ def grade_fast_input(channel: InputMeasures, measures: ExcitationMeasures) -> Gr
     reason = f"{channel.name} has {channel.steps} step(s) and reaches {channel.high:.2g} natural frequencies"
     record = f"drive it by steps, or up to twice the natural frequency ({1 / measures.period_s:.3g} Hz)"
     return make_grade(channel.steps >= 3 or channel.high > 1.2, channel.high > 0.4, reason, record)
+
+
+def grade_inertia(measures: ExcitationMeasures) -> Grade:
+    """It shows apart from stiffness and damping where inputs are known below and at the natural frequency."""
+    broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
+    reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
+    return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
-from lagsplat.diagnose.data_quality.noise import fit_local_cubic, measure_noise
+from lagsplat.diagnose.data_quality.noise import fit_over_time, measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
@@ -24,12 +24,17 @@ class Dataset:
     time: Float64[np.ndarray, " N"]  # common clock [s]
     q: Float64[np.ndarray, "N d"]
     v: Float64[np.ndarray, "N d"]
-    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_local_cubic`."""
+    """Velocity estimates to start from [1/s]; see `lagsplat.diagnose.data_quality.noise.fit_over_time`."""
     u: Float64[np.ndarray, "N n_u"]
     clips: Int64[np.ndarray, "C 2"]  # first frame and end of each clip; there is a cut between clips
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]  # number of the file of each clip
     shifts_s: tuple[float, ...]  # what each file's clock shows at zero of the common one [s]
+
+    @classmethod
+    def single_clip(cls, time: np.ndarray, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> "Dataset":
+        """Frames without a cut that belong to no file."""
+        return cls(time, q, v, u, np.array([[0, len(time)]]), ("",), np.zeros(1, dtype=np.int64), (0.0,))
 
     @property
     def d(self) -> int:
@@ -81,6 +86,10 @@ class WindowSet:
         """Samples (W, L, ...) of the windows; beyond a window's end its last sample is repeated."""
         index = self.first[:, None] + np.minimum(np.arange(self.longest), self.length[:, None] - 1)
         return values[index]
+
+    def initial_states(self, smooth: np.ndarray, dataset: Dataset) -> Float64[np.ndarray, "W s"]:
+        """States of the windows' first frames by smoothed coordinates (N, d) and estimated velocities."""
+        return np.concatenate([smooth, dataset.v], axis=1)[self.first]
 
     def select(self, chosen: np.ndarray) -> "WindowSet":
         """The windows that ``chosen``, a mask or an index, selects."""
@@ -240,20 +249,15 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     ``period_s`` is the natural period [s]. Velocities come from a wider cubic where the noise is stronger
     (`CUBIC_WIDTHS`).
     """
-    samples = [(m.time_s, m.q, np.array(m.segments, dtype=np.int64)) for m in trajectories]
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
     sigma = np.maximum(
         measure_noise(trajectories, period_s=period_s).known_sigma, ESTIMATION.min_relative_noise * rms
     )
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
-    smooth, slope, bend = zip(*(fit_local_cubic(*each, width_s=width_s) for each in samples), strict=True)
-    return PreparedDataset(
-        join_trajectories(trajectories, slope),
-        np.concatenate(smooth),
-        np.concatenate(bend),
-        sigma,
-    )
+    fits = [fit_over_time(motion, width_s=width_s) for motion in trajectories]
+    smooth, bend = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("q", "a"))
+    return PreparedDataset(join_trajectories(trajectories, [fit.v for fit in fits]), smooth, bend, sigma)
 
 
 @dataclass(frozen=True)
@@ -280,14 +284,14 @@ class OperatingRegion:
         return np.sqrt(np.mean(self.v**2, axis=0))
 
 
-def sample_operating_region(dataset: Dataset, *, n: int | None = None, seed: int = 0) -> OperatingRegion:
-    """About ``n`` states and inputs in the region of a dataset and `ESTIMATION.region_margin` around it.
+def sample_operating_region(dataset: Dataset, *, seed: int = 0) -> OperatingRegion:
+    """States and inputs in the region of a dataset and `ESTIMATION.region_margin` around it.
 
-    By default ``n`` is `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
+    They are `REGION_POINTS` and as many more for each coordinate. An input or a rate that never
     changes is varied by its own size, or by 1, so that its influence can be measured.
     """
     rng = np.random.default_rng(seed)
-    half = max((REGION_POINTS * (1 + dataset.d) if n is None else n) // 2, 1)
+    half = REGION_POINTS * (1 + dataset.d) // 2
     visited = np.linspace(0, len(dataset.q) - 1, min(half, len(dataset.q))).astype(int)
     drawn = rng.integers(len(dataset.q), size=(3, half))
 

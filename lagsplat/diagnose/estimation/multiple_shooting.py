@@ -60,7 +60,6 @@ class ShootingFit:
     curvature: Float64[np.ndarray, "k k"]
     """Gauss-Newton curvature of half the misfit by the parameters, initial states eliminated."""
     log_det_starts: float  # log determinant of the curvature by the initial states
-    iterations: int
     slopes: Float64[np.ndarray, "W M k"]  # derivatives of the weighted prediction by the parameters; M = L d
     start_slopes: Float64[np.ndarray, "W M s"]  # the same by the initial states
 
@@ -179,9 +178,7 @@ def fit_multiple_shooting(
         (residual, slopes), start_slopes = update(x, starts, known[0]), known[1]
     misfit, penalty = float(np.sum(residual**2)), float(compute_penalty(x[None], prior)[0])
     cost = misfit + penalty
-    done = 0
-    while done < iterations:
-        done += 1
+    for _ in range(iterations):
         step = _step(predict, x, starts, data, prior, (residual, slopes, start_slopes), cost, damping)
         if step is None and age == 0:
             break
@@ -202,7 +199,7 @@ def fit_multiple_shooting(
         residual, slopes, start_slopes = linearize(x, starts)
     left = eliminate_starts(residual, slopes, start_slopes)
     curvatures = left.curvature, left.log_determinant
-    return ShootingFit(x, starts, residual, misfit, penalty, *curvatures, done, slopes, start_slopes)
+    return ShootingFit(x, starts, residual, misfit, penalty, *curvatures, slopes, start_slopes)
 
 
 def _step(

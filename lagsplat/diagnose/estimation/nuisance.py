@@ -64,17 +64,6 @@ class NuisanceParameters:
             offset=factor * self.offset,
         )
 
-    def names(self) -> tuple[str, ...]:
-        """Names of all nuisance parameters."""
-        return (
-            "potential",
-            "damping",
-            *(f"input {i}" for i in range(self.n_u)),
-            *(f"offset {i}" for i in range(self.d)),
-            *(f"warp {i}" for i in range(self.d)),
-            *(f"identification {i}" for i in range(len(self.directions))),
-        )
-
     def change_coefficients(self, model: MechanicalModel, x: Float64[np.ndarray, "P n"]) -> CoefficientBatch:
         """The model's coefficients under nuisance parameters ``x``."""
         potential, damping, inputs, offset, _, directions = self._split(x)

@@ -97,11 +97,11 @@ class RolloutModel:
         fields = self._fields(placed, nuisance)
         u, u_of = self._inputs(placed, len(nuisance))
         laws, along, seen, inertia, theta, memory = self._laws(placed, len(nuisance), windows)
-        basis, model = self.model.basis, self.model
+        model = self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
         roll_out_batch(
-            (basis.kind, basis.order, basis.centre, basis.scale, *basis.derivatives),
+            self.model.basis.arrays,
             (*coefficients, model.width, model.rest),
             laws,
             along,
@@ -266,11 +266,10 @@ class ParameterSensitivity:
         n = self.columns.moves.shape[1]
         fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
         used = max(len(field) for field in fields[:4])
-        basis = model.basis.first(used)
         y = np.zeros(data.y.shape)
         slopes = np.zeros((*y.shape, n + starts.shape[1]))
         roll_out_with_sensitivities(
-            (basis.kind, basis.order, basis.centre, basis.scale),
+            model.basis.first(used).arrays,
             (*(move_functions_last(field[None])[0] for field in fields), model.width, model.rest),
             self.columns.of,
             n,

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import EXPERIMENT
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import PlacedEffect, drop_recorded_beginnings
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import FILE_BREAK_S, Dataset, cut_windows
 from lagsplat.diagnose.estimation.rollout import RolloutModel
@@ -45,19 +45,9 @@ class FittedHypothesis:
         """
         prior, fit = make_joint_prior(hypothesis.fitted, problem.rollout_model), hypothesis.fit
         precision = compute_precision(fit, prior, noise_inflation)
-        effects: list[PlacedEffect] = []
-        kept: list[int] = []
-        at = 0
-        for placed in (part for each in hypothesis.fitted for part in each.parts or (each,)):
-            effect = placed.effect
-            if isinstance(effect, ForceEffect):
-                effect = effect.with_free_memory(())
-            kept += range(at, at + len(effect.parameters))
-            effects.append(replace(placed, effect=effect))
-            at += placed.size
-        index = [*kept, *range(at, len(fit.x))]
+        effects, kept = drop_recorded_beginnings(hypothesis.fitted, fit.x)
         names = tuple(placed.effect.name for placed in hypothesis.effects)
-        return cls(names, tuple(effects), fit.x[index], np.linalg.pinv(precision)[np.ix_(index, index)])
+        return cls(names, effects, fit.x[kept], np.linalg.pinv(precision)[np.ix_(kept, kept)])
 
     @property
     def precision(self) -> Float64[np.ndarray, "k k"]:
@@ -91,16 +81,8 @@ def simulate_experiment(
     """
     old, d, n = problem.rollout_model, len(experiment.start), len(experiment.time_s)
     still = np.repeat(experiment.start[None], n, axis=0)
-    record = Dataset(
-        time=experiment.time_s + old.dataset.time[-1] + FILE_BREAK_S,
-        q=still,
-        v=np.zeros((n, d)),
-        u=experiment.u,
-        clips=np.array([[0, n]]),
-        files=("",),
-        file_of=np.zeros(1, dtype=np.int64),
-        shifts_s=(0.0,),
-    )
+    time = experiment.time_s + old.dataset.time[-1] + FILE_BREAK_S
+    record = Dataset.single_clip(time, still, np.zeros((n, d)), experiment.u)
     model = replace(old, dataset=record, smooth=still, payload=experiment.payload)
     whole = cut_windows(record, length_s=np.inf, min_frames=2)
     start = np.concatenate([experiment.start, np.zeros(d)])[None, None]

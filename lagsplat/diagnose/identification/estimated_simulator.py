@@ -90,5 +90,5 @@ def move_rest_to_minimum(model: MechanicalModel, q: Float64[np.ndarray, "N d"]) 
     """The model with an unstable rest moved to where the potential is lowest along the motion ``q``."""
     if np.linalg.eigvalsh(model.stiffness).min() > 0.0:
         return model
-    potential = model.basis.first(len(model.potential)).values(q) @ model.potential
+    potential = model.basis.values(q)[:, : len(model.potential)] @ model.potential
     return replace(model, rest=q[int(np.argmin(potential))].copy())

@@ -116,8 +116,8 @@ class IdentificationProblem:
 
     @property
     def initial_states(self) -> Float64[np.ndarray, "W s"]:
-        """Initial states of the windows by the smoothed coordinates and estimated velocities."""
-        return np.concatenate([self.smooth, self.dataset.v], axis=1)[self.windows.first]
+        """Initial states of the windows."""
+        return self.windows.initial_states(self.smooth, self.dataset)
 
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
         """Rollouts of a model with its coefficients moved along ``moves`` (n, K)."""
@@ -236,25 +236,27 @@ def _find_moves_within(
 
 
 def fit_first_model(
-    problem: IdentificationProblem, basis: Basis, structure: ModelStructure, test_s: float
+    problem: IdentificationProblem, basis: Basis, n_potential: int, test_s: float
 ) -> MechanicalModel:
-    """A model of a given structure by weak-form regression with test functions ``test_s`` [s] wide.
+    """A model by weak-form regression with test functions ``test_s`` [s] wide.
+
+    Only the potential, of ``n_potential`` functions, depends on the coordinates.
 
     Forces are regressed with a weak and with a strong ridge, as noise may leave hardly any inertia in some
     direction, and accelerations; the model with the least misfit is taken. With many coordinates some
     oscillate much faster than others, so that no single test function suits all, and have so little inertia
     that a ridge would outweigh it: several test functions and ridges are then compared.
     """
-    rest, ridge = np.median(problem.dataset.q, axis=0), problem.config.identify_ridge
+    ridge, width = problem.config.identify_ridge, 0.02 * problem.speed
 
     def regress(share: float, *ridges: float) -> list[MechanicalModel]:
         samples = weak_form.build_weak_form_samples(
-            basis, problem.dataset, problem.smooth, width_s=share * test_s, speed=0.02 * problem.speed
+            basis, n_potential, problem.dataset, problem.smooth, width_s=share * test_s, speed=width
         )
-        rows, known, names = weak_form.build_regressors(samples, structure)
+        rows, known = weak_form.build_regressors(samples)
         fits = [weak_form.solve_ridge(rows, known, ridge) for ridge in ridges]
-        models = [weak_form.build_model(samples, structure, fit, names, rest) for fit in fits]
-        explicit = weak_form.fit_explicit_model(samples, structure, ridge, rest)
+        models = [weak_form.build_model(samples, fit) for fit in fits]
+        explicit = weak_form.fit_explicit_model(samples, ridge)
         return models if explicit is None else [*models, explicit]
 
     if problem.dataset.d == 1:
@@ -271,7 +273,7 @@ def search_structure(problem: IdentificationProblem, basis: Basis, test_s: float
     """Grow a linear model by the step with the best predicted criterion, as long as the criterion falls."""
     driven = problem.dataset.u.shape[1] > 0
     structure = ModelStructure(1, 1, list_field_sizes(basis)[2], 1 if driven else 0)
-    first = fit_first_model(problem, basis, structure, test_s)
+    first = fit_first_model(problem, basis, structure.potential, test_s)
     best = problem.refine(first, structure, problem.initial_states)
     refused, correlation = set[ModelStructure](), best.criterion.correlation
     while True:

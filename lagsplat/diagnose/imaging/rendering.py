@@ -55,7 +55,7 @@ class BodyPoints:
         return self.rest + np.einsum("td,pdc->tpc", q, self.jacobian)
 
 
-def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -> BodyPoints:
+def find_body_points(autoencoder: Autoencoder, chart: Chart) -> BodyPoints:
     """Find material points that a force may act on: centres of clusters of Gaussians that move alike.
 
     Gaussians are weighted by their opacity along the training part, by their area and by how far they move.
@@ -93,7 +93,7 @@ def find_body_points(autoencoder: Autoencoder, chart: Chart, *, seed: int = 0) -
     from sklearn.cluster import KMeans  # a second to import, which only this needs
 
     number = min(IMAGES.max_points, len(features))
-    clusters = KMeans(number, n_init=1, random_state=seed).fit(features, sample_weight=weight[kept])
+    clusters = KMeans(number, n_init=1, random_state=0).fit(features, sample_weight=weight[kept])
     middle = clusters.cluster_centers_
     return BodyPoints(middle[:, :2].copy(), middle[:, 2:].reshape(number, -1, 2))
 

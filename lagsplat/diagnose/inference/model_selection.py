@@ -253,9 +253,9 @@ def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> Hypothe
         iterations=SELECTION.refined_iterations * problem.iterations,
         tolerance=SELECTION.refined_tolerance * problem.tolerance,
     )
-    near = hypothesis.nearby_slopes if hypothesis.effects else None
-    fit = longer.fit(hypothesis.effects, hypothesis.fit.x, hypothesis.fit.starts, near)
-    return replace(hypothesis, fit=fit)
+    if hypothesis.effects:
+        return continue_fit(longer, hypothesis)
+    return replace(hypothesis, fit=longer.fit((), hypothesis.fit.x, hypothesis.fit.starts))
 
 
 def rank_by_evidence(

@@ -82,8 +82,7 @@ class EstimationProblem:
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""
-        states = np.concatenate([self.rollout_model.smooth, self.dataset.v], axis=1)
-        return states[self.windows.first]
+        return self.windows.initial_states(self.rollout_model.smooth, self.dataset)
 
     def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
         """The same with other uncertainties of the sim."""

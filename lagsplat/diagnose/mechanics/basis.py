@@ -4,6 +4,7 @@
 integer combination of angles. Functions are sorted by degree, so that a coarser field uses the first few.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -56,13 +57,21 @@ class Basis:
                 factor[i, k] = order[i] / self.scale[i] if kind == POWER else order[i] * (2 * kind - 3)
         return target, factor
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Kind, order, centre, scale and both arrays of `derivatives`, as compiled code takes a basis."""
+        return self.kind, self.order, self.centre, self.scale, *self.derivatives
+
     def values(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N K"]:
         """``phi_k(q_n)``."""
-        return _values(self.kind, self.order, self.centre, self.scale, np.ascontiguousarray(q))[0]
+        points, phi = np.ascontiguousarray(q.T), np.empty((self.size, len(q)))
+        evaluate_basis(self.arrays, points, np.empty(points.shape), np.empty((2, *points.shape)), phi)
+        return np.ascontiguousarray(phi.T)
 
     def slopes(self, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N K d"]:
         """``d phi_k / d q_i`` at ``q_n``."""
-        return _values(self.kind, self.order, self.centre, self.scale, np.ascontiguousarray(q))[1]
+        target, factor = self.derivatives
+        return np.ascontiguousarray((self.values(q)[:, target] * factor).transpose(0, 2, 1))
 
 
 def make_polynomial_basis(
@@ -88,87 +97,63 @@ def add_angle_functions(basis: Basis, multiples: Int64[np.ndarray, "A d"]) -> Ba
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
-def evaluate_basis(kind, order, centre, scale, q, powers, value, slope):
-    """Write the functions (K,) and their gradients (K, d) at a single point ``q`` (d,), compiled.
+def _evaluate_wave(order, k, waves, phi, real, imaginary):
+    """Write cosine and sine of the sum of ``order[k]`` times the angles into these rows of ``phi``."""
+    n = phi.shape[1]
+    for r in range(n):
+        phi[real, r], phi[imaginary, r] = 1.0, 0.0
+    for i in range(order.shape[1]):
+        sign = 1.0 if order[k, i] > 0 else -1.0
+        for _ in range(abs(order[k, i])):
+            for r in range(n):
+                before, c, s = phi[real, r], waves[0, i, r], sign * waves[1, i, r]
+                phi[real, r] = before * c - phi[imaginary, r] * s
+                phi[imaginary, r] = phi[imaginary, r] * c + before * s
 
-    The first four arguments are those of `Basis`; ``powers`` is scratch (d, 1 + highest power), which
-    `evaluate_basis_curvature` reads afterwards.
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def evaluate_basis(basis, q, x, waves, phi):
+    """Write the functions (K, R) at the points ``q`` (d, R), with ``x`` (d, R) and ``waves`` (2, d, R).
+
+    Both are scratch; ``basis`` is `Basis.arrays`. A monomial is a coordinate times its derivative, which
+    comes before it.
     """
-    n, d = order.shape
+    kind, order, centre, scale, target, _ = basis
+    (k_all, d), n = order.shape, q.shape[1]
     for i in range(d):
-        x = (q[i] - centre[i]) / scale[i]
-        powers[i, 0] = 1.0
-        for e in range(1, powers.shape[1]):
-            powers[i, e] = powers[i, e - 1] * x
-    for k in range(n):
-        if kind[k] == POWER:
-            product_of_powers = 1.0
-            for i in range(d):
-                product_of_powers *= powers[i, order[k, i]]
-            value[k] = product_of_powers
-            for i in range(d):
-                e = order[k, i]
-                derivative = 0.0
-                if e > 0:
-                    derivative = e / scale[i] * powers[i, e - 1]
-                    for j in range(d):
-                        if j != i:
-                            derivative *= powers[j, order[k, j]]
-                slope[k, i] = derivative
-        else:
-            angle = 0.0
-            for i in range(d):
-                angle += order[k, i] * q[i]
-            cosine, sine = np.cos(angle), np.sin(angle)
-            value[k] = cosine if kind[k] == COSINE else sine
-            by_angle = -sine if kind[k] == COSINE else cosine
-            for i in range(d):
-                slope[k, i] = by_angle * order[k, i]
+        middle, factor = centre[i], 1.0 / scale[i]
+        for r in range(n):
+            x[i, r] = (q[i, r] - middle) * factor
+        for r in range(n if kind[k_all - 1] != POWER else 0):
+            waves[0, i, r], waves[1, i, r] = math.cos(q[i, r]), math.sin(q[i, r])
+    for k in range(k_all):
+        i = 0
+        while i < d - 1 and order[k, i] == 0:
+            i += 1
+        lower = target[i, k]
+        if order[k, i] == 0:
+            for r in range(n):
+                phi[k, r] = 1.0
+        elif kind[k] == POWER:
+            for r in range(n):
+                phi[k, r] = phi[lower, r] * x[i, r]
+        elif kind[k] == COSINE:
+            _evaluate_wave(order, k, waves, phi, k, lower)
 
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def evaluate_basis_curvature(kind, order, scale, powers, value, curvature):
-    """Write the second derivatives (d, d, K) at the last point of `evaluate_basis`, compiled.
-
-    ``powers`` and ``value`` are as `evaluate_basis` left them.
-    """
-    n, d = order.shape
-    for k in range(n):
-        for i in range(d):
-            for j in range(i + 1):
-                if kind[k] != POWER:
-                    second = -value[k] * order[k, i] * order[k, j]
-                else:
-                    e_i = order[k, i]
-                    e_j = order[k, j] if i != j else e_i - 1
-                    second = e_i * e_j / (scale[i] * scale[j])
-                    for m in range(d if second != 0.0 else 0):
-                        second *= powers[m, order[k, m] - (1 if m == i else 0) - (1 if m == j else 0)]
-                curvature[i, j, k] = second
-                curvature[j, i, k] = second
-
-
-@njit(cache=True)
-@no_type_check
-def find_highest_power(kind, order):
-    """The highest power of a single coordinate in any monomial of a basis, compiled."""
-    highest = 0
-    for k in range(order.shape[0]):
-        if kind[k] == POWER:
-            for i in range(order.shape[1]):
-                highest = max(highest, order[k, i])
-    return highest
-
-
-@njit(cache=True)
-@no_type_check
-def _values(kind, order, centre, scale, q):
-    n, d, size = q.shape[0], q.shape[1], kind.shape[0]
-    value, slope = np.empty((n, size)), np.empty((n, size, d))
-    powers = np.empty((d, find_highest_power(kind, order) + 1))
-    for m in range(n):
-        evaluate_basis(kind, order, centre, scale, q[m], powers, value[m], slope[m])
-    return value, slope
+def differentiate_basis(basis, phi, slope, curvature):
+    """Write gradients (d, K) and second derivatives (d, d, K) of functions with the values ``phi`` (K,)."""
+    target, factor = basis[4], basis[5]
+    d, n = target.shape
+    for i in range(d):
+        for k in range(n):
+            slope[i, k] = factor[i, k] * phi[target[i, k]]
+    for i in range(d):
+        for j in range(d):
+            for k in range(n):
+                curvature[i, j, k] = factor[i, k] * slope[j, target[i, k]]

@@ -1,7 +1,7 @@
 """The equations of motion of a mechanism, and its natural frequencies at rest.
 
-`Mechanics` is what the diagnosis asks of any simulated mechanism: ``M(q) a = force(q, v, u)``, where
-``force`` holds everything but the inertial term. `MechanicalModel` writes it in one basis of functions:
+A simulated mechanism obeys ``M(q) a = force(q, v, u)``, where ``force`` holds everything but the inertial
+term. `MechanicalModel` writes it in one basis of functions:
 
     M(q) a + c(q, v) + C(q) v + dry tanh(v / width) + drag |v| v + dV/dq = b(q)^T u
 
@@ -12,7 +12,6 @@ states at once.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float64
@@ -24,66 +23,6 @@ States = Float64[np.ndarray, "N d"]
 Inputs = Float64[np.ndarray, "N n_u"]
 Matrices = Float64[np.ndarray, "N d d"]
 STIFFNESS_STEP = 1e-4  # of central differences of a force, as a share of the usual range of a coordinate
-
-
-class Mechanics(Protocol):
-    """A mechanism with ``d`` coordinates and ``n_u`` inputs, at rest in ``rest`` (d,)."""
-
-    @property
-    def d(self) -> int:
-        """Number of coordinates."""
-
-    @property
-    def n_u(self) -> int:
-        """Number of inputs."""
-
-    @property
-    def rest(self) -> np.ndarray:
-        """Equilibrium without inputs, (d,)."""
-
-    def mass_at(self, q: np.ndarray) -> np.ndarray:
-        """Inertia at ``q`` (N, d), as (N, d, d)."""
-
-    def force(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Every generalised force but the inertial one, (N, d)."""
-
-    def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """``M(q)^-1 force(q, v, u)``, (N, d)."""
-
-
-def compute_rest_frequencies_hz(
-    mechanics: Mechanics, scale: Float64[np.ndarray, " d"]
-) -> Float64[np.ndarray, " modes"]:
-    """Undamped natural frequencies [Hz] at rest, in rising order, of the modes with a restoring force.
-
-    ``scale`` (d,) is how far each coordinate usually moves: stiffness is measured by central differences of
-    the force over `STIFFNESS_STEP` of it, without inputs.
-    """
-    d = mechanics.d
-    rest = np.asarray(mechanics.rest, dtype=float)
-    step = STIFFNESS_STEP * np.diag(scale)
-    zero = np.zeros((d, d))
-    inputs = np.zeros((d, mechanics.n_u))
-    rise = mechanics.force(rest + step, zero, inputs) - mechanics.force(rest - step, zero, inputs)
-    stiffness = -(rise / (2.0 * STIFFNESS_STEP * scale[:, None])).T
-    squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
-    # A stiffness that is not symmetric (a learned one) gives small imaginary parts, which are dropped.
-    return np.sqrt(np.sort(squares.real[squares.real > 0.0])) / (2.0 * np.pi)
-
-
-def compute_rest_period_s(mechanics: Mechanics, scale: Float64[np.ndarray, " d"]) -> float:
-    """Natural period of the slowest mode at rest [s].
-
-    Raises:
-        ValueError: no mode has a restoring force.
-    """
-    frequencies = compute_rest_frequencies_hz(mechanics, scale)
-    if not frequencies.size:
-        raise ValueError(
-            f"the sim is not pulled back to its rest {np.asarray(mechanics.rest).tolist()}, so that it has "
-            "no natural period; give period_s"
-        )
-    return float(1.0 / frequencies[0])
 
 
 @dataclass(frozen=True)
@@ -119,25 +58,25 @@ class MechanicalModel:
 
     def mass_at(self, q: States) -> Matrices:
         """The mass matrix ``M(q)``."""
-        return np.tensordot(self.basis.first(len(self.mass)).values(q), self.mass, 1)
+        return np.tensordot(self.basis.values(q)[:, : len(self.mass)], self.mass, 1)
 
     def damping_at(self, q: States) -> Matrices:
         """The damping matrix ``C(q)``."""
-        return np.tensordot(self.basis.first(len(self.damping)).values(q), self.damping, 1)
+        return np.tensordot(self.basis.values(q)[:, : len(self.damping)], self.damping, 1)
 
     def spring(self, q: States) -> States:
         """The conservative force ``-dV/dq``."""
-        slopes = self.basis.first(len(self.potential)).slopes(q)
+        slopes = self.basis.slopes(q)[:, : len(self.potential)]
         return -np.einsum("nki,k->ni", slopes, self.potential)
 
     def drive(self, q: States, u: Inputs) -> States:
         """The actuated force ``b(q)^T u``."""
-        field = np.tensordot(self.basis.first(len(self.input_map)).values(q), self.input_map, 1)
+        field = np.tensordot(self.basis.values(q)[:, : len(self.input_map)], self.input_map, 1)
         return np.einsum("nci,nc->ni", field, u)
 
     def force(self, q: States, v: States, u: Inputs) -> States:
         """Everything but inertia in ``M a = force``."""
-        slopes = np.einsum("nki,kab->niab", self.basis.first(len(self.mass)).slopes(q), self.mass)
+        slopes = np.einsum("nki,kab->niab", self.basis.slopes(q)[:, : len(self.mass)], self.mass)
         coriolis = np.einsum("niab,ni,nb->na", slopes, v, v)
         coriolis = coriolis - 0.5 * np.einsum("niab,na,nb->ni", slopes, v, v)
         friction = np.einsum("nij,nj->ni", self.damping_at(q), v)
@@ -163,10 +102,30 @@ class MechanicalModel:
         return 0.5 * (slope + slope.T)
 
 
-def compute_rest_inertia(mechanics: Mechanics) -> Float64[np.ndarray, " d"]:
+def compute_rest_inertia(mechanics: MechanicalModel) -> Float64[np.ndarray, " d"]:
     """Reference inertia of each coordinate, by which forces are divided: the diagonal of ``M`` at rest.
 
     Only the diagonal, so that a force on one coordinate remains a number of that coordinate where inertia
     couples it to others.
     """
     return np.diagonal(mechanics.mass_at(np.asarray(mechanics.rest, dtype=float)[None])[0]).copy()
+
+
+def compute_rest_frequencies_hz(
+    mechanics: MechanicalModel, scale: Float64[np.ndarray, " d"]
+) -> Float64[np.ndarray, " modes"]:
+    """Undamped natural frequencies [Hz] at rest, in rising order, of the modes with a restoring force.
+
+    ``scale`` (d,) is how far each coordinate usually moves: stiffness is measured by central differences of
+    the force over `STIFFNESS_STEP` of it, without inputs.
+    """
+    d = mechanics.d
+    rest = np.asarray(mechanics.rest, dtype=float)
+    step = STIFFNESS_STEP * np.diag(scale)
+    zero = np.zeros((d, d))
+    inputs = np.zeros((d, mechanics.n_u))
+    rise = mechanics.force(rest + step, zero, inputs) - mechanics.force(rest - step, zero, inputs)
+    stiffness = -(rise / (2.0 * STIFFNESS_STEP * scale[:, None])).T
+    squares = eig(stiffness, mechanics.mass_at(rest[None])[0], right=False)
+    # A stiffness that is not symmetric (a learned one) gives small imaginary parts, which are dropped.
+    return np.sqrt(np.sort(squares.real[squares.real > 0.0])) / (2.0 * np.pi)

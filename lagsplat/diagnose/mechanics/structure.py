@@ -155,3 +155,17 @@ def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> Mechanical
 def flatten_coefficients(model: MechanicalModel) -> Float64[np.ndarray, " K"]:
     """All coefficients of a model in a single row, in the order of `COEFFICIENT_FIELDS`."""
     return np.concatenate([getattr(model, name).ravel() for name in COEFFICIENT_FIELDS])
+
+
+def sum_symmetric(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
+    """Symmetric matrices, one a basis function, from the amounts of `make_symmetric_basis`."""
+    pairs = make_symmetric_basis(d)
+    return np.einsum("kp,pij->kij", amounts.reshape(-1, len(pairs)), pairs)
+
+
+def make_symmetric_basis(d: int) -> Float64[np.ndarray, "P d d"]:
+    """A basis of the symmetric d x d matrices: a single one on the diagonal, or a pair beside it."""
+    rows, columns = np.triu_indices(d)
+    matrices, index = np.zeros((len(rows), d, d)), np.arange(len(rows))
+    matrices[index, rows, columns] = matrices[index, columns, rows] = 1.0
+    return matrices

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import ERROR_BUDGET
-from lagsplat.diagnose.mechanics.model import Mechanics
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
@@ -66,7 +66,7 @@ def assess_perception(
 
 
 def measure_error_stages(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     estimates: Sequence[LatentForceEstimate],
     nominal: Sequence[LatentForceEstimate] | None,
     *,
@@ -128,7 +128,7 @@ def compute_stage_shares(
 
 
 def forecast_positions(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     q: Float64[np.ndarray, "B d"],
     v: Float64[np.ndarray, "B d"],
     time_s: Float64[np.ndarray, "B K"],
@@ -162,7 +162,7 @@ def forecast_positions(
 
 
 def _compute_forecast_errors(
-    mechanics: Mechanics, estimates: Sequence[LatentForceEstimate], horizon_s: float
+    mechanics: MechanicalModel, estimates: Sequence[LatentForceEstimate], horizon_s: float
 ) -> list[float]:
     """Mean squared error of each forecast over its coordinate's variance, at most that of a diverged one."""
     variance = np.var(np.concatenate([estimate.motion.q for estimate in estimates]), axis=0)

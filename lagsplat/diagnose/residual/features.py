@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
-from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
@@ -36,7 +36,7 @@ class ResidualFeatures:
 
 
 def compute_features(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     estimates: Sequence[LatentForceEstimate],
     *,
     period_s: float,

@@ -16,7 +16,11 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from lagsplat.diagnose.core.config import LATENT_FORCE
-from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_frequencies_hz, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import (
+    MechanicalModel,
+    compute_rest_frequencies_hz,
+    compute_rest_inertia,
+)
 from lagsplat.diagnose.residual import state_space
 from lagsplat.diagnose.residual.linearization import (
     LinearSteps,
@@ -82,7 +86,7 @@ def compute_coordinate_shares(smoothed: Sequence[LatentForceEstimate]) -> Float6
 
 
 def estimate_latent_force(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     motions: Sequence[Trajectory],
     *,
     period_s: float,
@@ -146,7 +150,7 @@ def _choose_length_scale(
     return replace(best, values=np.where(silent, state_space.FORCE_BOUNDS[0], best.values)), gained
 
 
-def _build_record(mechanics: Mechanics, motions: Sequence[Trajectory], period_s: float) -> SmootherData:
+def _build_record(mechanics: MechanicalModel, motions: Sequence[Trajectory], period_s: float) -> SmootherData:
     """Positions of all motions, checked against the simulator, with the scales of the state-space model."""
     for motion in motions:
         if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
@@ -187,7 +191,7 @@ def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, w
 
 
 def _split_by_motion(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     motions: Sequence[Trajectory],
     record: SmootherData,
     path: SmoothedPath,

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import LATENT_FORCE
-from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 DIFFERENCE_STEP = 1e-5
@@ -46,7 +46,7 @@ class LinearSteps:
 
 
 def linearize_steps(
-    mechanics: Mechanics, path: StatePath, *, scale: Float64[np.ndarray, " d"], period_s: float
+    mechanics: MechanicalModel, path: StatePath, *, scale: Float64[np.ndarray, " d"], period_s: float
 ) -> LinearSteps:
     """Linearise the steps of a mechanism along ``path``.
 
@@ -101,7 +101,7 @@ def _compute_simpson_response(response: np.ndarray, h: np.ndarray) -> np.ndarray
 
 
 def _integrate_steps(
-    mechanics: Mechanics, state: np.ndarray, path: StatePath, outside: np.ndarray, count: int
+    mechanics: MechanicalModel, state: np.ndarray, path: StatePath, outside: np.ndarray, count: int
 ) -> np.ndarray:
     """Integrate all steps from ``state`` (moves, S, 2d), each by ``count`` Runge-Kutta steps.
 

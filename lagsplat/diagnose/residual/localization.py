@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.core.config import LOCALIZATION
-from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_period_s
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.change_points import ResidualEvent, find_events
 from lagsplat.diagnose.residual.components import (
     ResidualComponents,
@@ -47,10 +47,10 @@ class ResidualLocation:
 
 
 def locate(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     motions: Sequence[Trajectory],
     *,
-    period_s: float | None = None,
+    period_s: float,
     hold: str = "linear",
     perception_suspect: bool = False,
 ) -> ResidualLocation:
@@ -58,16 +58,13 @@ def locate(
 
     Args:
         mechanics, motions, hold: as of `estimate_latent_force`.
-        period_s: the natural period [s], by default the simulator's slowest at rest.
+        period_s: the natural period [s].
         perception_suspect: images are read worse than those that the simulator was fitted to, which makes
             perception the level in any case.
 
     Raises:
-        ValueError: as `estimate_latent_force`; or the simulator has no natural period and none is given.
+        ValueError: as `estimate_latent_force`.
     """
-    if period_s is None:
-        scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
-        period_s = compute_rest_period_s(mechanics, scale)
     estimates = estimate_latent_force(mechanics, motions, period_s=period_s, hold=hold)
     coordinate_share = compute_coordinate_shares(estimates)
     spectrum = compute_spectrum(estimates, period_s=period_s)
@@ -159,7 +156,7 @@ def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> d
 
 
 def _decide_level(
-    mechanics: Mechanics,
+    mechanics: MechanicalModel,
     estimates: Sequence[LatentForceEstimate],
     features: ResidualFeatures,
     coordinate_share: np.ndarray,

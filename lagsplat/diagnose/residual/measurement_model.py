@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import STATE_MAPS
-from lagsplat.diagnose.mechanics.model import Mechanics, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import number_blocks
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
@@ -43,7 +43,7 @@ def measure_speed_noise(
 
 
 def compute_apparent_forces(
-    mechanics: Mechanics, estimates: Sequence[LatentForceEstimate], coordinate: int
+    mechanics: MechanicalModel, estimates: Sequence[LatentForceEstimate], coordinate: int
 ) -> Float64[np.ndarray, "n 3d"]:
     """Residual acceleration of ``coordinate`` that distorted measurements cause where the simulator is right.
 
@@ -55,7 +55,7 @@ def compute_apparent_forces(
 
 
 def _compute_apparent_columns(
-    mechanics: Mechanics, estimate: LatentForceEstimate
+    mechanics: MechanicalModel, estimate: LatentForceEstimate
 ) -> Float64[np.ndarray, "n d 3d"]:
     q, v, a, u, time_s = estimate.q, estimate.v, estimate.a, estimate.motion.u, estimate.motion.time_s
     jerk = np.zeros_like(a)

@@ -20,7 +20,12 @@ from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import build_candidate_bases, list_field_sizes
+from lagsplat.diagnose.mechanics.structure import (
+    build_candidate_bases,
+    list_field_sizes,
+    make_symmetric_basis,
+    sum_symmetric,
+)
 
 EXACT_ERROR = 1e-6  # relative, of the acceleration, below which a projection is exact but for rounding
 MAX_DEGREE = {1: 9, 2: 8, 3: 4}  # highest degree of the polynomials by number of coordinates
@@ -135,10 +140,6 @@ class FieldSamples:
         """Relative accelerations by columns of forces (N, d, k)."""
         return np.einsum("nij,njk->nik", self.weight, forces, optimize=True)
 
-    def error(self, wrong: np.ndarray) -> float:
-        """Root mean square relative acceleration by a wrong force (N, d), the largest of all coordinates."""
-        return float(np.max(np.sqrt(np.mean(self.share(wrong[..., None]) ** 2, axis=(0, 2)))))
-
 
 def measure_size(acceleration: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, " d"]:
     """Root mean square of each coordinate, floored so that one that rests can be divided by."""
@@ -179,35 +180,20 @@ def fit_fields(samples: FieldSamples, basis: Basis) -> MechanicalModel:
     d, region = samples.region.d, samples.region
     sizes = list_field_sizes(basis)
     phi, slopes = basis.values(region.q), basis.slopes(region.q)
+    pairs, alone = d * (d + 1) // 2, np.ones((len(phi), 1))
     inertia = np.einsum("nij,nj->ni", samples.mass, samples.acceleration) + samples.coriolis
-    pairs = d * (d + 1) // 2
-    columns = samples.share(_build_inertial_columns(phi, slopes, samples))
+    columns = samples.share(build_inertial_columns(phi, slopes, region.v, samples.acceleration))
     wanted = samples.share(inertia[..., None])
-    mass = _fit_smallest(
-        lambda k: sum_symmetric(_solve_least_squares(columns[:, :, : k * pairs], wanted), d),
-        lambda m: samples.error(_apply_mass(phi, slopes, m, samples) - inertia),
-        sizes,
-    )
+    mass = sum_symmetric(_fit_smallest(columns, wanted, alone, [k * pairs for k in sizes]), d)
     gradients = samples.share(slopes[:, 1:].transpose(0, 2, 1))
-    gradient = samples.share(samples.potential_gradient[..., None])
-    potential = _fit_smallest(
-        lambda k: np.append(0.0, _solve_least_squares(gradients[:, :, : k - 1], gradient)),
-        lambda p: samples.error(np.einsum("nki,k->ni", slopes[:, : len(p)], p) - samples.potential_gradient),
-        sizes[2:],
-    )
-
-    def expand(field: np.ndarray) -> np.ndarray:
-        return np.tensordot(phi[:, : len(field)], field, 1)
-
+    wanted = samples.share(samples.potential_gradient[..., None])
+    potential = np.append(0.0, _fit_smallest(gradients, wanted, alone, [k - 1 for k in sizes[2:]]))
     input_map = np.zeros((0, region.n_u, d))
     if region.n_u:
         along = samples.share(np.einsum("nk,ij->nikj", phi, np.eye(d)).reshape(len(phi), d, -1))
-        given = samples.share(samples.input_map.transpose(0, 2, 1))
-        input_map = _fit_smallest(
-            lambda k: _solve_least_squares(along[:, :, : k * d], given).reshape(k, d, -1).transpose(0, 2, 1),
-            lambda b: samples.error(np.einsum("nci,nc->ni", expand(b) - samples.input_map, region.u)),
-            sizes,
-        )
+        wanted = samples.share(samples.input_map.transpose(0, 2, 1))
+        gains = _fit_smallest(along, wanted, region.u, [k * d for k in sizes])
+        input_map = gains.reshape(-1, d, region.n_u).transpose(0, 2, 1)
     damping, dry, drag, width = _fit_dissipation(samples, phi, sizes)
     # the motion leaves the scale of all fields open: inertia is counted in units of its mean
     unit = float(np.trace(mass[0])) / d
@@ -233,7 +219,7 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
         n = size * len(pairs)
         columns = np.concatenate([viscous[:, :, :n], friction], axis=2)
         x = _solve_least_squares(columns, wanted)
-        error = float(np.max(np.sqrt(np.mean((columns @ x - wanted) ** 2, axis=(0, 2)))))
+        error = _measure_error((columns @ x - wanted)[..., 0])
         if error < 0.8 * lowest:  # more terms must gain a fifth at least
             lowest, best, best_width, has_drag = error, np.split(x[:, 0], [n]), width, drag
         if lowest < 0.1 * PROJECTION.tolerance:
@@ -247,18 +233,29 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
 
 
 def _fit_smallest(
-    fit: Callable[[int], np.ndarray], error: Callable[[np.ndarray], float], sizes: list[int]
-) -> np.ndarray:
-    """The coefficients with the fewest functions whose error is a tenth of the tolerance, or the best."""
-    best, lowest = np.zeros(0), np.inf
+    columns: Float64[np.ndarray, "N d K"],
+    wanted: Float64[np.ndarray, "N d r"],
+    amounts: Float64[np.ndarray, "N r"],
+    sizes: list[int],
+) -> Float64[np.ndarray, "k r"]:
+    """The coefficients of the fewest ``columns`` whose error is a tenth of the tolerance, or the best.
+
+    ``amounts`` say how much of each of what is ``wanted`` acts at a point.
+    """
+    best, lowest = np.zeros((0, wanted.shape[2])), np.inf
     for size in sizes:
-        candidate = fit(size)
-        candidate_error = error(candidate)
-        if candidate_error < 0.9 * lowest:  # more functions must gain a tenth at least
-            best, lowest = candidate, candidate_error
-        if candidate_error < 0.1 * PROJECTION.tolerance:
+        x = _solve_least_squares(columns[:, :, :size], wanted)
+        error = _measure_error(np.einsum("nir,nr->ni", columns[:, :, :size] @ x - wanted, amounts))
+        if error < 0.9 * lowest:  # more functions must gain a tenth at least
+            best, lowest = x, error
+        if error < 0.1 * PROJECTION.tolerance:
             break
     return best
+
+
+def _measure_error(wrong: Float64[np.ndarray, "N d"]) -> float:
+    """Root mean square of relative accelerations, the largest of all coordinates."""
+    return float(np.max(np.sqrt(np.mean(wrong**2, axis=0))))
 
 
 def _solve_least_squares(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -267,39 +264,16 @@ def _solve_least_squares(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return lstsq(flat, right.reshape(len(flat), -1), cond=1e-12, lapack_driver="gelsy")[0]
 
 
-def _build_inertial_columns(
-    phi: np.ndarray, slopes: np.ndarray, samples: FieldSamples
+def build_inertial_columns(
+    phi: np.ndarray, slopes: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> Float64[np.ndarray, "N d K"]:
     """Columns of ``M a + c``, one for each product of a function and a symmetric matrix."""
-    v, pairs = samples.region.v, make_symmetric_basis(samples.region.d)
-    matrix_a = np.einsum("pij,nj->npi", pairs, samples.acceleration)
-    matrix_v = np.einsum("pij,nj->npi", pairs, v)
+    pairs = make_symmetric_basis(v.shape[1])
+    matrix_a, matrix_v = (np.einsum("pij,nj->npi", pairs, x) for x in (a, v))
     rate = np.einsum("nki,ni->nk", slopes, v)
     columns = np.einsum("nk,npi->nikp", phi, matrix_a) + np.einsum("nk,npi->nikp", rate, matrix_v)
     columns -= 0.5 * np.einsum("nki,np->nikp", slopes, np.einsum("npi,ni->np", matrix_v, v))
     return columns.reshape(*v.shape, -1)
-
-
-def _apply_mass(phi: np.ndarray, slopes: np.ndarray, mass: np.ndarray, samples: FieldSamples) -> np.ndarray:
-    """``M a + c`` of fitted coefficients of the mass."""
-    k, v = len(mass), samples.region.v
-    rate = np.einsum("nki,kab->niab", slopes[:, :k], mass)
-    coriolis = np.einsum("niab,ni,nb->na", rate, v, v) - 0.5 * np.einsum("niab,na,nb->ni", rate, v, v)
-    return np.einsum("nij,nj->ni", np.tensordot(phi[:, :k], mass, 1), samples.acceleration) + coriolis
-
-
-def sum_symmetric(amounts: np.ndarray, d: int) -> Float64[np.ndarray, "K d d"]:
-    """Symmetric matrices, one a basis function, from the amounts of `make_symmetric_basis`."""
-    pairs = make_symmetric_basis(d)
-    return np.einsum("kp,pij->kij", amounts.reshape(-1, len(pairs)), pairs)
-
-
-def make_symmetric_basis(d: int) -> Float64[np.ndarray, "P d d"]:
-    """A basis of the symmetric d x d matrices: a single one on the diagonal, or a pair beside it."""
-    rows, columns = np.triu_indices(d)
-    matrices, index = np.zeros((len(rows), d, d)), np.arange(len(rows))
-    matrices[index, rows, columns] = matrices[index, columns, rows] = 1.0
-    return matrices
 
 
 def build_friction_columns(v: Float64[np.ndarray, "N d"], width: np.ndarray | None, drag: bool) -> np.ndarray:

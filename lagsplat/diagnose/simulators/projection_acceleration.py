@@ -15,15 +15,20 @@ from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import ModelStructure, list_field_sizes, list_larger_structures
+from lagsplat.diagnose.mechanics.structure import (
+    ModelStructure,
+    list_field_sizes,
+    list_larger_structures,
+    make_symmetric_basis,
+    sum_symmetric,
+)
 from lagsplat.diagnose.simulators.projection import (
     EXACT_ERROR,
     ProjectedModel,
     build_friction_columns,
+    build_inertial_columns,
     choose_projection,
     compute_acceleration_error,
-    make_symmetric_basis,
-    sum_symmetric,
 )
 
 RIDGE = 1e-10  # penalty in standardised columns, towards unit inertia where the accelerations leave it open
@@ -89,11 +94,9 @@ def _build_terms(basis: Basis, region: OperatingRegion, a: np.ndarray) -> Accele
     phi, slope, v = basis.values(region.q), basis.slopes(region.q), region.v
     n, d = region.q.shape
     pairs = make_symmetric_basis(d)
-    momentum, energy = np.einsum("pij,nj->npi", pairs, v), np.einsum("ni,pij,nj->np", v, pairs, v)
-    mass = np.einsum("nk,pij,nj->nikp", phi, pairs, a)
-    mass += np.einsum("nkj,nj,npi->nikp", slope, v, momentum) - 0.5 * np.einsum("nki,np->nikp", slope, energy)
+    mass = build_inertial_columns(phi, slope, v, a).reshape(n, d, basis.size, -1)
     drive = -np.einsum("nk,nc,ij->nikcj", phi, region.u, np.eye(d))
-    damping, potential = np.einsum("nk,npi->nikp", phi, momentum), slope[:, 1:].transpose(0, 2, 1)
+    damping, potential = np.einsum("nk,pij,nj->nikp", phi, pairs, v), slope[:, 1:].transpose(0, 2, 1)
     input_map = drive.reshape(n, d, basis.size, -1)
     return AccelerationTerms(basis, region, a, mass, potential, damping, input_map)
 

@@ -15,7 +15,7 @@ from typing import Any, no_type_check
 import numpy as np
 from numba import float64, njit, prange, types
 
-from lagsplat.diagnose.mechanics.basis import COSINE, POWER
+from lagsplat.diagnose.mechanics.basis import evaluate_basis
 
 VECTOR, MATRIX, CUBE = float64[::1], float64[:, ::1], float64[:, :, ::1]
 FORCE_LAW_SIGNATURE = float64(float64, float64, float64, float64, float64, VECTOR, VECTOR, VECTOR)
@@ -40,52 +40,6 @@ def compile_force_law(function: Any) -> Any:
 def zero_force(t, s, v, spring, drive, memory, theta, d_memory):
     """A force law that is zero, for the slots that no effect uses."""
     return 0.0
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-@no_type_check
-def _evaluate_wave(order, k, waves, phi, real, imaginary):
-    """Write cosine and sine of the sum of ``order[k]`` times the angles into these rows of ``phi``."""
-    n = phi.shape[1]
-    for r in range(n):
-        phi[real, r], phi[imaginary, r] = 1.0, 0.0
-    for i in range(order.shape[1]):
-        sign = 1.0 if order[k, i] > 0 else -1.0
-        for _ in range(abs(order[k, i])):
-            for r in range(n):
-                before, c, s = phi[real, r], waves[0, i, r], sign * waves[1, i, r]
-                phi[real, r] = before * c - phi[imaginary, r] * s
-                phi[imaginary, r] = phi[imaginary, r] * c + before * s
-
-
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-@no_type_check
-def _evaluate_basis(basis, q, x, waves, phi):
-    """Write the functions (K, R) at the points ``q`` (d, R), with ``x`` (d, R) and ``waves`` (2, d, R).
-
-    Both are scratch. A monomial is a coordinate times its derivative, which comes before it.
-    """
-    kind, order, centre, scale, target, _ = basis
-    (k_all, d), n = order.shape, q.shape[1]
-    for i in range(d):
-        middle, factor = centre[i], 1.0 / scale[i]
-        for r in range(n):
-            x[i, r] = (q[i, r] - middle) * factor
-        for r in range(n if kind[k_all - 1] != POWER else 0):
-            waves[0, i, r], waves[1, i, r] = math.cos(q[i, r]), math.sin(q[i, r])
-    for k in range(k_all):
-        i = 0
-        while i < d - 1 and order[k, i] == 0:
-            i += 1
-        lower = target[i, k]
-        if order[k, i] == 0:
-            for r in range(n):
-                phi[k, r] = 1.0
-        elif kind[k] == POWER:
-            for r in range(n):
-                phi[k, r] = phi[lower, r] * x[i, r]
-        elif kind[k] == COSINE:
-            _evaluate_wave(order, k, waves, phi, k, lower)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"}, inline="always")
@@ -232,7 +186,7 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
                 y[i, r] = state[i, r] + 0.5 * at * h[r] * rate[i, r]
         for r in range(len(h) if memory.size else 0):
             z[r] = memory[r] + 0.5 * at * h[r] * z_rate[r]
-        _evaluate_basis(basis, y, x, waves, phi)
+        evaluate_basis(basis, y, x, waves, phi)
         _compute_forces(fields, phi, y, u[at], rate, work, m, a)
         _add_force_laws(laws, geometry, sets, theta, t + 0.5 * at * h, y, z, work, rate, z_rate)
         _solve(m, rate)

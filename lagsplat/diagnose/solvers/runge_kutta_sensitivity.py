@@ -14,7 +14,7 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-from lagsplat.diagnose.mechanics.basis import evaluate_basis, evaluate_basis_curvature, find_highest_power
+from lagsplat.diagnose.mechanics.basis import differentiate_basis, evaluate_basis
 from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES, MIN_PIVOT
 
 
@@ -48,34 +48,28 @@ def _solve_cholesky(a, b, d):
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _compute_forces(basis, fields, state, u, rate, phi, slope, work, m, powers):
+def _compute_forces(fields, phi, slope, state, u, rate, m):
     """Write velocities and generalised forces of the simulator into ``rate``, its mass into ``m``, compiled.
 
     Args:
-        basis: kind, order, centre and scale of the basis.
         fields: mass, damping, potential, input map, dry friction, drag, friction width and rest.
-        state, u: coordinates and velocities (2 d,), more may follow; inputs (n_u,).
-        rate, work: velocities and forces (2 d,), conservative and actuated forces (2 d,), written.
+        phi, slope: values (K,) and gradients (d, K) of the functions.
+        state, u: coordinates and velocities (2 d,), inputs (n_u,).
+        rate: velocities and forces (2 d,), written.
         m: the mass matrix (d, d), of which the lower triangle is written.
-        phi, slope, powers: scratch for the basis (K,), (d, K), and as `evaluate_basis` takes it.
     """
-    kind, order, centre, scale = basis
     mass, damping, potential, input_map, dry, drag, width, rest = fields
     d, n_u = rest.shape[0], input_map.shape[0]
-    evaluate_basis(kind, order, centre, scale, state, powers, phi, slope.T)
     for i in range(d):
         rate[i] = state[d + i]
         rate[d + i] = -drag[i] * abs(state[d + i]) * state[d + i]
         if dry[i] != 0.0:
             rate[d + i] -= dry[i] * math.tanh(state[d + i] / width[i])
-        spring, drive = 0.0, 0.0
         for k in range(potential.shape[0]):
-            spring -= potential[k] * slope[i, k]
+            rate[d + i] -= potential[k] * slope[i, k]
         for c in range(n_u):
             for k in range(input_map.shape[2]):
-                drive += phi[k] * input_map[c, i, k] * u[c]
-        work[i], work[d + i] = spring, drive
-        rate[d + i] += spring + drive
+                rate[d + i] += phi[k] * input_map[c, i, k] * u[c]
         for j in range(d):
             loss = 0.0
             for k in range(damping.shape[2]):
@@ -210,12 +204,13 @@ def _tangent(jacobian, m, g, s, unit, rate):
 @no_type_check
 def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
     """Write the rates of the state ``x`` (2 d,) and of its sensitivities ``s`` (2 d, C)."""
-    phi, slope, curvature, powers, parts, jacobian, m, work, unit, g = scratch
+    phi, scaled, waves, slope, curvature, parts, jacobian, m, unit, g = scratch
     d = m.shape[0]
-    _compute_forces(basis, fields, x, u, rate, phi, slope, work, m, powers)
+    evaluate_basis(basis, x[:d].reshape(d, 1), scaled, waves, phi.reshape(len(phi), 1))
+    differentiate_basis(basis, phi, slope, curvature)
+    _compute_forces(fields, phi, slope, x, u, rate, m)
     _factorize_cholesky(m, d)
     _solve_cholesky(m, rate, d)
-    evaluate_basis_curvature(basis[0], basis[1], basis[3], powers, phi, curvature)
     _jacobian(fields, x, u, rate, phi, slope, curvature, parts, jacobian)
     g[:] = 0.0
     _add_units(columns, fields[6], x, u, rate, phi, slope, g)
@@ -227,10 +222,9 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
 def _scratch(basis, d, n_c):
     """Work arrays of `_rates` for ``d`` coordinates and ``n_c`` columns."""
     n = basis[0].shape[0]
-    powers = np.empty((d, find_highest_power(basis[0], basis[1]) + 1))
-    values = (np.empty(n), np.empty((d, n)), np.empty((d, d, n)), powers, np.empty((2 + 3 * d, n)))
-    work, unit = np.empty(2 * d), np.empty(2 * d)
-    return *values, np.empty((d, 2 * d)), np.empty((d, d)), work, unit, np.empty((d, n_c))
+    values = np.empty(n), np.empty((d, 1)), np.empty((2, d, 1)), np.empty((d, n)), np.empty((d, d, n))
+    parts, jacobian = np.empty((2 + 3 * d, n)), np.empty((d, 2 * d))
+    return *values, parts, jacobian, np.empty((d, d)), np.empty(2 * d), np.empty((d, n_c))
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})

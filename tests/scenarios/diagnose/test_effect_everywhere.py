@@ -44,11 +44,15 @@ def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float
 
 
 def offered(one: EstimationProblem, name: str) -> dict[str, PlacedEffect]:
-    """One effect by its labels."""
+    """One effect by where it acts."""
     found = place_effects(
         one.rollout_model, [DisturbanceHints((), ())] * 2, q_names=NAMES, u_names=("u0", "u1"), without=()
     )
-    return {offer.label: offer for offer in found if offer.effect.name == name}
+    return {
+        "everywhere" if offer.parts else f"{offer.location}": offer
+        for offer in found
+        if offer.effect.name == name
+    }
 
 
 def best(one: EstimationProblem, offer: PlacedEffect):
@@ -62,13 +66,13 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
     heavy = np.diag(coupled().inertia)
     seen = contest([film(lambda v: -FRICTION * heavy * np.tanh(v / 0.02))], model=coupled())
     offers = offered(seen, "coulomb_friction")
-    joint = offers["coulomb_friction everywhere"]
-    assert {offer.location for label, offer in offers.items() if label != joint.label} == {*NAMES, "q1 - q0"}
+    joint = offers["everywhere"]
+    assert {offer.location for label, offer in offers.items() if label != "everywhere"} == {*NAMES, "q1 - q0"}
     fits = {label: best(seen, offer) for label, offer in offers.items()}
     misfit = {label: one.fit.misfit / seen.degrees_of_freedom for label, one in fits.items()}
-    assert misfit.pop("coulomb_friction everywhere") < 1.3
+    assert misfit.pop("everywhere") < 1.3
     assert min(misfit.values()) > 5.0
-    told = estimate_parameters(seen, fits[joint.label], joint, 2.0)
+    told = estimate_parameters(seen, fits["everywhere"], joint, 2.0)
     assert [told[f"acceleration {q}"].value for q in NAMES] == pytest.approx(FRICTION, rel=0.1)
     assert [told[f"acceleration {q}"].unit for q in NAMES] == ["q0/s^2", "q1/s^2"]
 
@@ -76,7 +80,7 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
 def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
     seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=coupled())
     fits = {label: best(seen, offer) for label, offer in offered(seen, "input_lag").items()}
-    joint = fits.pop("input_lag everywhere")
+    joint = fits.pop("everywhere")
     assert joint.fit.misfit / seen.degrees_of_freedom < 1.3
     assert min(one.fit.misfit for one in fits.values()) > 3.0 * joint.fit.misfit
     lags = joint.effects[0].to_physical(joint.fit.x[None, :2])[0]
@@ -85,11 +89,11 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
 
 def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     seen = contest([film(np.zeros_like)], model=coupled())
-    both = offered(seen, "coulomb_friction")["coulomb_friction everywhere"]
+    both = offered(seen, "coulomb_friction")["everywhere"]
     x = np.concatenate([[0.2, 0.3], np.zeros(seen.rollout_model.nuisance.size)])
     region = sample_operating_region(seen.rollout_model.dataset)
     joint = build_augmented(seen.rollout_model, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
-    assert [one.label for one in joint.effects] == ["coulomb_friction q0", "coulomb_friction q1"]
+    assert [one.location for one in joint.effects] == list(NAMES)
     drive = AppliedSignals(np.arange(200) * 0.02, np.ones((200, 2)))
     moved, _ = simulate_augmented(joint, drive, q=np.array([0.4, 0.1]))
     starts = np.array([0.4, 0.1, 0.0, 0.0])[None, None]

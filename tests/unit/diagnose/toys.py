@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -143,3 +144,9 @@ def bare(
     return AugmentedSimulator(
         model, nothing, (), np.zeros(nothing.size), False, step_s, dt_s, *names, region=region
     )
+
+
+def name_place(placed: PlacedEffect) -> str:
+    """The effect and where it acts."""
+    everywhere = "everywhere" if placed.parts else None
+    return " ".join(p for p in (placed.effect.name, placed.location, placed.variant, everywhere) if p)

@@ -53,7 +53,6 @@ EFFECT = ForceEffect(
     confusable_with=("cubic_stiffness", "joint_backlash"),
     mujoco="a joint has no force that is periodic in its position.",
     title="cogging of a motor",
-    kind="mechanism",
     what="Magnets or teeth pull the mechanism into places at even distances, also without current.",
     symptom="Slow motion goes in ripples that lie at the same positions every time.",
     remedy="Add the ripple to the simulation, or compensate it in the drive.",

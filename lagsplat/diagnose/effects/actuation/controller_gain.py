@@ -70,7 +70,6 @@ EFFECT = ForceEffect(
     energy_bounded=lambda p, placed: p["kd"] >= 0.0,
     excitation=grade_excitation,
     confusable_with=("linear_stiffness", "viscous_damping", "input_gain", "input_lag"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="other gains of a position controller",
     kind="parameter",

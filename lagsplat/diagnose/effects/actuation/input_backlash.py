@@ -55,7 +55,6 @@ EFFECT = InputEffect(
     confusable_with=("input_dead_zone", "coulomb_friction"),
     mujoco="actuators have no play; it would need a body between motor and joint.",
     title="play between actuator and mechanism",
-    kind="mechanism",
     what="After each reversal of the command some travel is lost before anything moves.",
     symptom="The response lags by the same amount of command in both directions.",
     remedy="Put play before that input of the simulation, or take up the slack.",

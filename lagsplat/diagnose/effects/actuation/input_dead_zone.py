@@ -39,7 +39,6 @@ EFFECT = InputEffect(
     confusable_with=("input_backlash", "coulomb_friction"),
     mujoco="actuators have no dead zone.",
     title="a dead zone of an input",
-    kind="mechanism",
     what="Commands below a threshold do nothing, as with a valve that opens late.",
     symptom="Small commands move nothing, and each passage through zero brings a pause.",
     remedy="Put a dead zone before that input, or compensate it in the controller.",

@@ -40,7 +40,6 @@ EFFECT = InputEffect(
     confusable_with=("time_offset", "input_lag"),
     mujoco=to_mujoco,
     title="a delay of an input",
-    kind="mechanism",
     what="The actuator follows its command, a fixed time later.",
     symptom="Nothing happens for a moment after each step, then everything as predicted.",
     remedy="Delay that input in the simulation, or find the wait in the communication.",

@@ -41,7 +41,6 @@ EFFECT = InputEffect(
     change=change,
     excitation=grade_excitation,
     confusable_with=("mass_change", "linear_stiffness", "viscous_damping", "input_saturation"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="another strength of an input",
     kind="parameter",

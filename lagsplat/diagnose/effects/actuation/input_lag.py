@@ -62,7 +62,6 @@ EFFECT = InputEffect(
     confusable_with=("input_delay", "time_offset"),
     mujoco=to_mujoco,
     title="an actuator that follows its command slowly",
-    kind="mechanism",
     what="The actuator approaches its command gradually, as a filling chamber does.",
     symptom="Steps are answered gently, and fast commands are answered weakly and late.",
     remedy="Put a first-order filter before that input of the simulation.",

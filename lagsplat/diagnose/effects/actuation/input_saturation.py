@@ -63,7 +63,6 @@ EFFECT = InputEffect(
     confusable_with=("input_gain",),
     mujoco=to_mujoco,
     title="an actuator at its limit",
-    kind="mechanism",
     what="Above some command the actuator gives no more.",
     symptom="Weak commands are answered as predicted, strong ones too weakly.",
     remedy="Limit that input of the simulation, or command less.",

@@ -53,7 +53,6 @@ EFFECT = ForceEffect(
     confusable_with=("input_saturation", "viscous_damping", "input_gain"),
     mujoco="the force range of an actuator does not depend on its speed.",
     title="a motor that gives less torque the faster it turns",
-    kind="mechanism",
     what="Back-EMF and a supply that sags leave less torque at high speed than at rest.",
     symptom="Strong commands are answered too weakly, and most so while it moves fast the same way.",
     remedy="Give the simulation the torque-speed line of the motor, or command less at speed.",

@@ -58,7 +58,6 @@ EFFECT = ForceEffect(
     confusable_with=("linear_stiffness", "viscous_damping"),
     mujoco="springs and dampers of joints act on both coordinates alike.",
     title="a force across two coordinates",
-    kind="mechanism",
     what="One coordinate pushes another, which answers the other way: a follower load, a spinning rotor.",
     symptom="Motion turns from one coordinate into the other, and may grow by itself.",
     remedy="Give the simulation the follower force or the spin that couples the two.",

@@ -48,7 +48,6 @@ EFFECT = ForceEffect(
     flexible=True,
     mujoco="springs of joints have no internal state; it would need a massless body in series.",
     title="creep of a soft material",
-    kind="mechanism",
     what="The material yields slowly under load and recovers slowly afterwards.",
     symptom="After a step it keeps moving for long, and losses peak at one rate of motion.",
     remedy="Add a spring in series with a dashpot to the simulation.",

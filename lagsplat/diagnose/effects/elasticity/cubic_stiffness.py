@@ -44,7 +44,6 @@ EFFECT = ForceEffect(
     energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
     excitation=grade_excitation,
     confusable_with=("end_stop",),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="a spring that hardens or softens",
     kind="parameter",

@@ -80,7 +80,6 @@ EFFECT = ForceEffect(
     confusable_with=("cubic_stiffness",),
     mujoco=to_mujoco,
     title="a stop or a contact on one side",
-    kind="mechanism",
     what="Beyond some position the mechanism runs into something stiff.",
     symptom="Motion is cut off on one side only, with a sudden turn.",
     remedy="Add the stop to the simulation, or clear what is in the way.",

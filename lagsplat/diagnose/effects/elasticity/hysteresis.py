@@ -45,7 +45,6 @@ EFFECT = ForceEffect(
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
     mujoco="springs of joints have no internal state.",
     title="hysteresis",
-    kind="mechanism",
     what="The force depends on the way by which a position was reached, not on speed.",
     symptom="Loading and unloading follow two curves, however slowly it is done.",
     remedy="Add an internal state of Bouc-Wen type to the simulation.",

@@ -33,7 +33,6 @@ EFFECT = ForceEffect(
     excitation=grade_excitation,
     mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest.",
     title="free play in a joint",
-    kind="mechanism",
     what="Around its rest position the joint is loose and nothing pulls it back.",
     symptom="Small swings are slower than large ones, down to no pull at all.",
     remedy="Add the gap to the simulation's potential, or tighten the joint.",

@@ -97,7 +97,6 @@ EFFECT = ForceEffect(
     report_units={"added_stiffness": "1/s^2"},
     excitation=grade_excitation,
     confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="another stiffness than the simulation's",
     kind="parameter",

@@ -4,14 +4,11 @@ Source: Mathieu's equation, Nayfeh and Mook, "Nonlinear Oscillations", 1995, ch.
 """
 
 import math
-from dataclasses import replace
-
-import numpy as np
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
-from lagsplat.diagnose.effects.external.external_periodic_force import limit_period, measure_recurrence
+from lagsplat.diagnose.effects.external.external_periodic_force import measure_recurrence, place_at_lines
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
@@ -31,13 +28,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate, at the spectral lines of the missing force times the distance from rest."""
-    places = []
-    for placed, hints in zip(finder.find_along_coordinates(effect), finder.hints, strict=True):
-        unit = placed.scales.of("rate")
-        grid = tuple((2.0 * np.pi * line / unit,) for line in hints.stiffness_lines_hz)
-        if grid:
-            places.append(replace(placed, effect=limit_period(effect, placed.scales), grid=grid))
-    return places
+    return place_at_lines(effect, finder, [hints.stiffness_lines_hz for hints in finder.hints])
 
 
 EFFECT = ForceEffect(
@@ -66,7 +57,6 @@ EFFECT = ForceEffect(
     recurrence=measure_recurrence,
     mujoco="parameters of a model do not depend on time.",
     title="a stiffness that changes periodically",
-    kind="mechanism",
     what="The pull back to rest rises and falls by a rhythm of its own, as of teeth or a turning shaft.",
     symptom="Swings grow and shrink with a rhythm, and grow without end at twice the natural frequency.",
     remedy="Let the simulation's stiffness depend on time, or find what changes it.",

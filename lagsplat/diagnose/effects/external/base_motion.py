@@ -8,19 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Direction, ForceEffect, Grade, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.base import Direction, ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.external import external_periodic_force
-from lagsplat.diagnose.effects.external.external_periodic_force import force, limit_period, measure_recurrence
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a spectral line that all coordinates share in one phase, best at rest."""
-    reason = f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}"
-    yes = measures.rest_periods > 5 or measures.periods > 15
-    record = f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest"
-    return make_grade(yes, measures.periods > 6, reason, record)
+from lagsplat.diagnose.effects.external.external_periodic_force import limit_period
 
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
@@ -44,13 +34,9 @@ EFFECT = replace(
     equation="M a = ... - M r cos(2 pi frequency t + phase), and its harmonic, r a common direction of all",
     needs="two coordinates, and a stretch at rest of ten cycles",
     place=place,
-    law=force,
-    excitation=grade_excitation,
     confusable_with=("external_periodic_force", "hidden_mode"),
-    recurrence=measure_recurrence,
     mujoco="the ground of a model stands still; it would need a base that is moved from outside.",
     title="a base that shakes",
-    kind="outside",
     what="What the mechanism is fixed to moves to and fro, and every part feels it by its inertia.",
     symptom="All coordinates show one frequency in one phase that no input explains, even at rest.",
     remedy="Fasten the base, or log its acceleration and give it to the simulation as an input.",

@@ -43,7 +43,6 @@ EFFECT = ForceEffect(
     law=force,
     excitation=grade_excitation,
     confusable_with=("camera_change", "input_gain"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="a constant force or a tilt",
     kind="parameter",

@@ -4,7 +4,7 @@ Few machines shake like a pure sine, so it has a second harmonic.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -41,15 +41,21 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     return make_grade(yes, measures.periods > 6, reason, record)
 
 
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
+def place_at_lines(
+    effect: ForceEffect, finder: PlaceFinder, lines_hz: Sequence[Sequence[float]]
+) -> list[PlacedEffect]:
+    """Along each coordinate that has spectral lines, of which the search first tries the frequencies [Hz]."""
     places = []
-    for placed, hints in zip(finder.find_along_coordinates(effect), finder.hints, strict=True):
-        unit = placed.scales.of("rate")
-        grid = tuple((2.0 * np.pi * line / unit,) for line in hints.lines_hz)
+    for placed, lines in zip(finder.find_along_coordinates(effect), lines_hz, strict=True):
+        grid = tuple((2.0 * np.pi * line / placed.scales.of("rate"),) for line in lines)
         if grid:
             places.append(replace(placed, effect=limit_period(effect, placed.scales), grid=grid))
     return places
+
+
+def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
+    """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
+    return place_at_lines(effect, finder, [hints.lines_hz for hints in finder.hints])
 
 
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:

@@ -57,7 +57,6 @@ EFFECT = ForceEffect(
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     mujoco="friction loss and damping of a joint are the same in both directions.",
     title="friction that differs between both directions",
-    kind="mechanism",
     what="A lip seal, a ratchet or a valve resists more in one direction than in the other.",
     symptom="Half-swings in one direction lose more than those in the other, and the mean is pushed aside.",
     remedy="Give the simulation friction of its own for each direction.",

@@ -47,7 +47,6 @@ EFFECT = ForceEffect(
     confusable_with=("stribeck_friction", "load_dependent_friction", "hysteresis", "input_dead_zone"),
     mujoco=to_mujoco,
     title="dry friction",
-    kind="mechanism",
     what="A rubbing contact resists with the same force at every speed, however slow.",
     symptom="Swings shrink by the same amount each time, and it stops short of its rest position.",
     remedy="Add dry friction to the simulation, or look after the bearings and seals.",

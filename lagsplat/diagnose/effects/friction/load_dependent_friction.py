@@ -46,7 +46,6 @@ EFFECT = ForceEffect(
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on the load that it carries.",
     title="friction that grows with load",
-    kind="mechanism",
     what="A bearing or gear rubs more the harder it is pressed.",
     symptom="Losses differ between poses, or between weak and strong inputs, at equal speed.",
     remedy="Let the simulation's friction depend on the load that the joint carries.",

@@ -38,7 +38,6 @@ EFFECT = ForceEffect(
     confusable_with=("viscous_damping", "quadratic_drag"),
     mujoco="the damping of a joint does not depend on its position.",
     title="damping that depends on the position",
-    kind="mechanism",
     what="Some part of the travel is tighter than the rest: a bent guide, a worn or a dry spot.",
     symptom="Energy is lost wherever that place is passed, and hardly elsewhere.",
     remedy="Let the simulation's damping depend on the position, or look at the guide there.",

@@ -42,7 +42,6 @@ EFFECT = ForceEffect(
     confusable_with=("viscous_damping",),
     mujoco=to_mujoco,
     title="drag of air or water",
-    kind="mechanism",
     what="A resistance that grows with the square of speed.",
     symptom="Large swings die away quickly, small ones hardly at all.",
     remedy="Add a quadratic drag to the simulation.",

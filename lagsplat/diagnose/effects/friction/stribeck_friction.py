@@ -53,7 +53,6 @@ EFFECT = ForceEffect(
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on its speed.",
     title="dry friction that sticks",
-    kind="mechanism",
     what="A rubbing contact holds harder at rest than it resists while sliding.",
     symptom="Slow motion goes in jerks: it sticks, breaks loose and slips.",
     remedy="Add friction that falls with speed to the simulation, or lubricate.",

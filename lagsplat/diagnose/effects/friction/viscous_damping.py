@@ -56,7 +56,6 @@ EFFECT = ForceEffect(
     energy_bounded=lambda p, placed: p["rate"] >= 0.0,
     excitation=grade_excitation,
     confusable_with=("mass_change", "linear_stiffness", "input_gain", "creep", "quadratic_drag"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="another viscous damping than the simulation's",
     kind="parameter",

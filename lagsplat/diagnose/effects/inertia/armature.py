@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
+from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 
@@ -31,13 +30,6 @@ def change(
 ) -> CoefficientBatch:
     """Add the inertia of the rotor."""
     return add_inertia(coefficients, theta[:, 0], placed)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows apart from stiffness and damping where inputs are known below and at the natural frequency."""
-    broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
-    reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
-    return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
 
 
 def place(effect: ModelEffect, finder: PlaceFinder) -> list[PlacedEffect]:
@@ -65,9 +57,8 @@ EFFECT = ModelEffect(
     place=place,
     change=change,
     energy_bounded=lambda p, placed: True,
-    excitation=grade_excitation,
+    excitation=grade_inertia,
     confusable_with=("mass_change", "payload", "linear_stiffness", "input_gain"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="the inertia of a rotor that the simulation does not have",
     kind="parameter",

@@ -54,7 +54,6 @@ EFFECT = ForceEffect(
     flexible=True,
     mujoco="it would need another body, whose place and axis a generalised coordinate does not tell.",
     title="a part that swings along and that the simulation does not have",
-    kind="mechanism",
     what="A loose or flexible part moves on its own and pulls on the rest.",
     symptom="A second frequency appears, and energy leaves and comes back.",
     remedy="Give the simulation one more coordinate, or fasten the part.",

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
+from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
+from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 WEIGHT = "weight"  # variant in which the mass hangs, so that gravity acts on it
@@ -24,13 +23,6 @@ def change(
     if placed.variant != WEIGHT:
         return replace(coefficients, mass=mass)
     return replace(coefficients, mass=mass, potential=coefficients.potential * ratio[:, None])
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It changes frequency and damping together, but not the static response."""
-    broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
-    reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
-    return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -58,9 +50,8 @@ EFFECT = ModelEffect(
     along="whole",
     change=change,
     energy_bounded=lambda p, placed: True,
-    excitation=grade_excitation,
+    excitation=grade_inertia,
     confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
-    absorbed_by_fit=True,
     mujoco=to_mujoco,
     title="another mass than the simulation's",
     kind="parameter",

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, Grade, ModelEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
+from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
+from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.inertia.armature import add_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Normal
 from lagsplat.diagnose.mechanics.basis import POWER
@@ -30,19 +29,12 @@ def change(
     own = (order[:, i] != 0) & (np.delete(order, i, axis=1) == 0).all(axis=1)
     linear = int(np.flatnonzero(own & (kind == POWER) & (order[:, i] == 1))[0])
     share = theta[:, 0] * theta[:, 1]
-    potential, slopes = coefficients.potential.copy(), model.basis.first(n).slopes(model.rest[None])[0, :, i]
+    potential, slopes = coefficients.potential.copy(), model.basis.slopes(model.rest[None])[0, :n, i]
     at_rest = potential[:, own] @ slopes[own]
     potential[:, own] *= 1.0 + share[:, None]
     pull = share * at_rest + theta[:, 0] * theta[:, 2] * along.inertia
     potential[:, linear] -= pull * model.basis.scale[i]
     return replace(add_inertia(coefficients, theta[:, 0], placed), potential=potential)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """Inertia shows in motion and weight at rest, under known inputs."""
-    broad = measures.driven and any(channel.low < 0.5 and channel.high > 0.8 for channel in measures.inputs)
-    reason = "inputs below and at the natural frequency" if broad else "only the ratio to stiffness shows"
-    return make_grade(broad and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
 
 
 EFFECT = ModelEffect(
@@ -59,9 +51,8 @@ EFFECT = ModelEffect(
     needs="a static hold and a motion, both under known inputs",
     change=change,
     energy_bounded=lambda p, placed: True,
-    excitation=grade_excitation,
+    excitation=grade_inertia,
     confusable_with=("mass_change", "armature", "linear_stiffness", "constant_force"),
-    absorbed_by_fit=True,
     mujoco="a generalised coordinate does not tell which body carries the mass, and where.",
     title="a payload",
     kind="parameter",

@@ -42,7 +42,6 @@ EFFECT = ObservationEffect(
     recorded_by="film",
     camera="moved between recordings",
     title="a sensor with another zero or scale",
-    kind="observation",
     what="Positions are read with another zero or scale than the simulation was made with.",
     symptom="Everything appears shifted or stretched, at rest as well.",
     remedy="Set the zero and scale of the sensor anew; leave the simulation alone.",

@@ -34,7 +34,6 @@ EFFECT = ObservationEffect(
     confusable_with=("parameter_drift",),
     camera="moves while recording",
     title="a zero of the sensor that drifts",
-    kind="observation",
     what="The sensor or its mount moves while the recording lasts.",
     symptom="The rest position wanders, and so does whatever stands still beside it.",
     remedy="Fix the sensor, or subtract what its reference drifts; leave the simulation alone.",

@@ -31,7 +31,6 @@ EFFECT = ObservationEffect(
     recorded_by="log",
     mujoco="it concerns the sensor of the recording, not the mechanism.",
     title="a sensor whose scale or zero is off",
-    kind="observation",
     what="The encoder counts more or less to the turn than assumed, or its zero lies elsewhere.",
     symptom="One coordinate appears stretched or shifted, at rest as well.",
     remedy="Calibrate the sensor against two known positions; leave the simulation alone.",

@@ -47,7 +47,6 @@ EFFECT = ObservationEffect(
     excitation=grade_excitation,
     camera="shutter",
     title="a sensor that averages over time",
-    kind="observation",
     what="Each sample is a mean over some time, such as that of a filter.",
     symptom="Fast turns look smaller than they are.",
     remedy="Shorten that time; leave the simulation alone.",

@@ -47,7 +47,6 @@ EFFECT = SampleEffect(
     ),
     mujoco="it concerns the samples of the recording, not the mechanism.",
     title="lost or repeated samples",
-    kind="observation",
     what="Some samples are missing or given twice, and the clock does not say so.",
     symptom="The motion halts or leaps for single samples.",
     remedy="Record again without losses, or cut there; leave the simulation alone.",

@@ -65,7 +65,6 @@ EFFECT = SampleEffect(
     ),
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
     title="time stamps that scatter",
-    kind="observation",
     what="Samples are stamped a little early or late at random.",
     symptom="Errors are large where motion is fast and vanish where it turns.",
     remedy="Use the sensor's own time stamps; leave the simulation alone.",

@@ -1,5 +1,6 @@
 """Noise level, correlation and quantisation of known noise, and local cubics on exact cubics."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,8 @@ from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.noise import (
     find_quantisation_step,
-    fit_local_cubic,
     fit_locally,
+    fit_over_time,
     measure_noise,
 )
 from lagsplat.diagnose.estimation.dataset import prepare_dataset
@@ -79,30 +80,25 @@ def test_clips_too_short_have_no_noise_to_show() -> None:
     assert np.isnan(measure_noise([swing(seconds=0.1)], period_s=None).sigma).all()
 
 
-CLIPS = np.array([[0, 60], [60, 100]])
-
-
-def uneven() -> np.ndarray:
+def uneven(q: Callable[[np.ndarray], np.ndarray]) -> Trajectory:
+    """A motion (N, d) at uneven times, cut after sixty samples."""
     time = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.03, 100))
-    time[60:] -= time[60]
-    return time
+    return Trajectory(time_s=time, q=q(time), u=np.zeros((100, 0)), segments=((0, 60), (60, 100)))
 
 
 def test_cubics_are_given_back_with_slope_and_curvature_however_uneven_the_times() -> None:
-    t = uneven()
-    q = np.stack([1.0 - 2.0 * t + 0.5 * t**2 - 3.0 * t**3, t], axis=1)
-    smooth, slope, bend = fit_local_cubic(t, q, CLIPS, width_s=0.3)
-    assert np.abs(smooth - q).max() < 1e-9
-    assert np.abs(slope[:, 0] - (-2.0 + t - 9.0 * t**2)).max() < 1e-7
-    assert np.abs(bend[:, 0] - (1.0 - 18.0 * t)).max() < 1e-5
+    motion = uneven(lambda t: np.stack([1.0 - 2.0 * t + 0.5 * t**2 - 3.0 * t**3, t], axis=1))
+    fit, t = fit_over_time(motion, width_s=0.3), motion.time_s
+    assert np.abs(fit.q - motion.q).max() < 1e-9
+    assert np.abs(fit.v[:, 0] - (-2.0 + t - 9.0 * t**2)).max() < 1e-7
+    assert np.abs(fit.a[:, 0] - (1.0 - 18.0 * t)).max() < 1e-5
 
 
 def test_a_cut_is_not_smoothed_over() -> None:
-    t = uneven()
-    q = np.where(np.arange(100) < 60, 0.0, 5.0)[:, None]
-    smooth, slope, _ = fit_local_cubic(t, q, CLIPS, width_s=0.3)
-    assert np.abs(smooth - q).max() < 1e-9
-    assert np.abs(slope).max() < 1e-7
+    motion = uneven(lambda t: np.where(np.arange(100) < 60, 0.0, 5.0)[:, None])
+    fit = fit_over_time(motion, width_s=0.3)
+    assert np.abs(fit.q - motion.q).max() < 1e-9
+    assert np.abs(fit.v).max() < 1e-7
 
 
 @pytest.mark.parametrize(("rate_hz", "deviation"), [(10.0, 1.25), (20.0, 1.15), (30.0, 1.15)])

@@ -104,7 +104,7 @@ def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear
         x = np.linalg.solve(curvature + np.diag(deviation**-2.0), left.right)
         residual = (y[..., 0] - slopes @ x - np.einsum("wma,wa->wm", begun, left.follow(x)))[..., None]
         misfit, starts = float((residual**2).sum()), np.zeros((3, 2))
-        fit = ShootingFit(x, starts, residual, misfit, 0.0, curvature, log_det, 1, slopes, begun)
+        fit = ShootingFit(x, starts, residual, misfit, 0.0, curvature, log_det, slopes, begun)
         bench = SimpleNamespace(nuisance=SimpleNamespace(deviation=deviation))
         return compute_log_evidence(HypothesisFit((), fit), bench, 1.0)  # type: ignore[arg-type]
 

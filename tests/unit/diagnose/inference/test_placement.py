@@ -16,7 +16,7 @@ from lagsplat.diagnose.inference.profile_likelihood import format_parameter_unit
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.residuals import made
-from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, oscillator, own, wave
+from tests.unit.diagnose.toys import OMEGA, contest, coupled, film, name_place, oscillator, own, wave
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ ELSEWHERE = {"armature", "circulatory_force", "base_motion", "controller_gain"}
 
 def test_every_effect_has_a_place_where_inputs_are_logged(driven: EstimationProblem) -> None:
     assert {one.effect.name for one in offered(driven)} == set(catalogue()) - ELSEWHERE
-    labels = [one.label for one in offered(driven)]
+    labels = [name_place(one) for one in offered(driven)]
     assert len(labels) == len(set(labels))
 
 
@@ -44,7 +44,7 @@ def test_without_inputs_none_of_their_effects_is_offered() -> None:
     for quiet in (film(seconds=8.0), film(seconds=8.0, command=lambda t: 0.4)):
         found = offered(contest([quiet], model=oscillator(n_u=quiet.n_u)))
         assert found
-        assert not [one.label for one in found if isinstance(one.effect, InputEffect)]
+        assert not [name_place(one) for one in found if isinstance(one.effect, InputEffect)]
 
 
 def test_what_is_left_out_is_not_offered(driven: EstimationProblem) -> None:
@@ -89,7 +89,7 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
         u_names=("u0", "u1"),
         without=(),
     )
-    between = {one.label for one in found if one.location == "b - a"}
+    between = {name_place(one) for one in found if one.location == "b - a"}
     assert between == {
         "viscous_damping b - a",
         "coulomb_friction b - a",
@@ -103,8 +103,8 @@ def test_what_acts_in_a_joint_is_looked_for_between_two_coordinates_as_well() ->
     np.testing.assert_array_equal(place.covector, [-1.0, 1.0])
     inertia = one.rollout_model.model.inertia
     assert place.inertia == pytest.approx((inertia[0, 0] + inertia[1, 1] - 2.0 * inertia[0, 1]) / 4.0)
-    assert len({one.label for one in found}) == len(found)
-    friction = next(one for one in found if one.label == "coulomb_friction b - a")
+    assert len({name_place(one) for one in found}) == len(found)
+    friction = next(one for one in found if name_place(one) == "coulomb_friction b - a")
     assert format_parameter_unit(friction, "acceleration") == "(b - a)/s^2"
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.mechanics.model import compute_rest_frequencies_hz
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.mechanisms import Chain, Duffing, TwoLink, film
@@ -12,12 +13,19 @@ def inputs(t):
     return np.sin(2.3 * t) + 0.5 * np.sin(8.2 * t + 1) + 0.6 * np.sin(5.2 * t)
 
 
+def located(mechanism, motions, **options) -> ResidualLocation:
+    """Where the gap lies, with the natural period of the slowest mode at rest."""
+    scale = np.std(np.concatenate([motion.q for motion in motions]), axis=0)
+    period_s = float(1.0 / compute_rest_frequencies_hz(mechanism, scale)[0])
+    return locate(mechanism, motions, period_s=period_s, **options)
+
+
 def looked(force, *, forced: bool = True, seconds: float = 16.0, **kinds) -> ResidualLocation:
     mechanism = Duffing(n_u=int(forced))
     motion = film(
         mechanism, seconds, force=force, inputs=inputs if forced else None, noise=0.01, finer=2, **kinds
     )
-    return locate(mechanism, [motion])
+    return located(mechanism, [motion])
 
 
 def friction(t, q, v, u):
@@ -80,7 +88,7 @@ def test_friction_of_one_joint_lies_in_that_joint():
         return np.array([0.0, -0.05 * np.tanh(v[1] / 0.02)])
 
     motion = film(TwoLink(), 12.0, start=(0.3, 0.4), force=one_joint, noise=0.005, finer=4)
-    found = locate(TwoLink(), [motion])
+    found = located(TwoLink(), [motion])
     assert found.coordinates["q1"] > 0.9
     kinds = {name: share for name, share in found.components.items() if name != "unexplained"}
     assert max(kinds, key=lambda name: kinds[name]) == "dissipative"
@@ -93,7 +101,7 @@ def test_a_perfect_sim_has_no_place(forced):
     told = 0
     for seed in range(24):
         noise = 0.02 * base.q.std() * np.random.default_rng(seed).standard_normal(base.q.shape)
-        found = locate(mechanism, [Trajectory(time_s=base.time_s, q=base.q + noise, u=base.u)])
+        found = located(mechanism, [Trajectory(time_s=base.time_s, q=base.q + noise, u=base.u)])
         told += bool(found.time_s or found.state_region or found.level != "dynamics" or found.frequency_hz)
     assert told <= 3  # 1 in 100, given four chances to speak
 
@@ -107,30 +115,30 @@ def seen(motion: Trajectory, times: np.ndarray) -> Trajectory:
 def test_bad_time_stamps_are_perception():
     motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
     stamps = motion.time_s + 0.01 * np.random.default_rng(1).standard_normal(motion.n)
-    assert locate(Duffing(), [seen(motion, stamps)]).level == "perception"
+    assert located(Duffing(), [seen(motion, stamps)]).level == "perception"
 
 
 def test_bent_positions_are_the_chart():
     motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
     bent = Trajectory(time_s=motion.time_s, q=motion.q + 0.15 / motion.q.std() * motion.q**2, u=motion.u)
-    assert locate(Duffing(), [seen(bent, bent.time_s)]).level == "chart"
+    assert located(Duffing(), [seen(bent, bent.time_s)]).level == "chart"
 
 
 def test_suspect_pictures_are_perception_whatever_the_forces_say():
     motion = film(Duffing(), 6.0, inputs=inputs, force=friction, noise=0.01, finer=2)
-    assert locate(Duffing(), [motion], perception_suspect=True).level == "perception"
+    assert located(Duffing(), [motion], perception_suspect=True).level == "perception"
 
 
 def test_shift_of_the_clock_and_units_change_nothing():
     motion = film(Duffing(n_u=0), 10.0, force=friction, noise=0.01, finer=2)
     later = Trajectory(time_s=motion.time_s + 1000.0, q=motion.q, u=motion.u)
-    one, two = (locate(Duffing(n_u=0), [each]) for each in (motion, later))
+    one, two = (located(Duffing(n_u=0), [each]) for each in (motion, later))
     for name, share in one.components.items():
         assert two.components[name] == pytest.approx(share, abs=0.02)
     assert two.time_s[0][1] - one.time_s[0][1] == pytest.approx(1000.0, abs=1e-6)
     assert two.level == one.level
     finer = Duffing(n_u=0, hard=20.0 / 100.0**2)  # the same thing in hundredths
-    small = locate(finer, [Trajectory(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
+    small = located(finer, [Trajectory(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
     for name, share in one.components.items():
         assert small.components[name] == pytest.approx(share, abs=0.02)
 
@@ -144,6 +152,6 @@ def test_four_coordinates_two_files_and_cuts():
         for seed, s in enumerate((0.2, -0.3))
     ]
     motions[1] = motions[1].cut([240])
-    found = locate(Chain(), motions)
+    found = located(Chain(), motions)
     assert found.coordinates["q2"] > 0.9
     assert {event[0] for event in found.time_s} == {"film 0", "film 1"}

@@ -9,7 +9,7 @@ from lagsplat.diagnose.inference.problem import HypothesisFit
 from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 
 EMPTY = np.zeros((1, 1, 1))
-SHOOTING = ShootingFit(np.zeros(0), np.zeros((1, 2)), EMPTY, 0.0, 0.0, np.eye(0), 0.0, 1, EMPTY, EMPTY)
+SHOOTING = ShootingFit(np.zeros(0), np.zeros((1, 2)), EMPTY, 0.0, 0.0, np.eye(0), 0.0, EMPTY, EMPTY)
 FIT = HypothesisFit((), SHOOTING)
 NONE = Measures(
     names=(),
