@@ -413,7 +413,7 @@ class IDENTIFICATION:
 class JOINTS:
     """Chains whose joints are diagnosed one by one."""
 
-    gain_points: int = 50  # poses at which the gain of a motor is measured [count]
+    gain_poses: int = 50  # poses at which the gain of a motor is measured [count]
     gain_tolerance: float = 1e-6  # change of a gain, or gain on another joint, over the gain [1]: rounding
 
 
