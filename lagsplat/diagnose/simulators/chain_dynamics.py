@@ -83,7 +83,6 @@ def simulate_alike(
     motions: Sequence[Trajectory],
     smoothed: Sequence[SmoothedMotion],
     *,
-    sigma: Float64[np.ndarray, " d"],
     hold: str,
     seed: int = 0,
 ) -> list[tuple[Trajectory, Float64[np.ndarray, "T d"]]]:
@@ -95,12 +94,13 @@ def simulate_alike(
     Args:
         path, chosen: the file, and its joints.
         motions, smoothed: the motions and what they are without noise.
-        sigma: standard deviation of the noise of each coordinate, which is added.
         hold: whether forces are held between samples ("zoh") or linear.
-        seed: of the noise.
+        seed: of the noise that is added, as large as what smoothing removed.
     """
     rng = np.random.default_rng(seed)
     follower = _make_follower(path, chosen)
+    removed = [motion.q - aim.q for motion, aim in zip(motions, smoothed, strict=True)]
+    sigma = np.sqrt(np.mean(np.concatenate(removed) ** 2, axis=0))
     made = []
     for motion, aim in zip(motions, smoothed, strict=True):
         q, force = np.empty((motion.n, motion.d)), np.empty((motion.n, motion.d))

@@ -8,6 +8,9 @@ own spring, damper and friction loss. Its model is
 where ``m`` is the median of ``M_jj`` along the motion. Gravity, Coriolis forces and the inertia of the others
 are in ``b_j``, an input that is computed and not logged. Where the model moves as measured, the equation is
 exact; what ``M_jj`` deviates from ``m`` acts on the difference of both alone.
+
+Torques may act some time before or after their stamp: MuJoCo's integrator lets them act half a time step early.
+The rate of the torque is a third input, without gain but with an uncertainty of half a time step.
 """
 
 from collections.abc import Sequence
@@ -21,7 +24,8 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import JOINTS
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
-from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion, smooth_motions
 from lagsplat.diagnose.simulators.chain_dynamics import (
     ChainForces,
@@ -38,8 +42,8 @@ from lagsplat.diagnose.simulators.mujoco_model import (
 from lagsplat.diagnose.simulators.projection import FieldFunctions, project_fields
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-COUPLING = "coupling of {}"
-"""Name of the computed input of a joint."""
+COUPLING, RATE = "coupling of {}", "rate of {}"
+"""Names of the computed inputs of a joint: of its name, and of its motor's."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class JointModel:
 
     joint: str
     actuator: str
-    model: MechanicalModel
+    sim: EstimatedSimulator
     inertia: float  # reference inertia `m`, in the units of the file
     motions: tuple[Trajectory, ...]
     nominal: tuple[Trajectory, ...]  # the same of a run of the file that moves alike, see `simulate_alike`
@@ -113,7 +117,7 @@ def build_joint_models(
     smoothed = smooth_motions(motions, periods_s=periods_s)
     channels = [motors[i].channel for i in range(count)]
     nominal = []
-    for motion, force in simulate_alike(path, chosen, motions, smoothed, sigma=ready.sigma, hold=hold):
+    for motion, force in simulate_alike(path, chosen, motions, smoothed, hold=hold):
         u = np.zeros_like(motion.u)
         u[:, channels] = force / [motors[i].gain for i in range(count)]
         nominal.append(replace(motion, u=u))
@@ -140,10 +144,12 @@ class _ChainMotions:
         pieces = []
         for motion, smooth, force in zip(self.motions, self.smoothed, self.forces, strict=True):
             coupling = inertia * smooth.a[:, joint] - force.required[:, joint] - force.own[:, joint]
+            torque = motion.u[:, channel]
+            rate = compute_input_rate(torque, motion, hold=hold)
             if hold == "zoh":
                 coupling = average_held(coupling, motion)
-            u = np.stack([motion.u[:, channel], coupling], axis=1)
-            u_names = (names[1], COUPLING.format(names[0]))
+            u = np.stack([torque, coupling, rate], axis=1)
+            u_names = (names[1], COUPLING.format(names[0]), RATE.format(names[1]))
             alone = replace(_pick_coordinate(motion, joint), u=u, u_names=u_names, computed=u_names[1:])
             pieces.append(replace(alone, q_names=names[:1]))
         return tuple(pieces)
@@ -165,7 +171,27 @@ def _build_joint_model(
     region = sample_operating_region(ready.dataset)
     fields = _make_joint_fields(chosen, joint, inertia, motor.gain)
     model = project_fields(fields, region, what=f"{path.name}, joint {names[0]}").model
-    return JointModel(*names, model, inertia, motions, nominal)
+    sim = EstimatedSimulator.exact(model)
+    shift = np.zeros_like(model.input_map)
+    shift[0, 2] = 0.5 * float(chosen.model.opt.timestep) * model.input_map[0, 0]
+    unchanged = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
+    direction = flatten_coefficients(replace(model, **{**unchanged, "input_map": shift}))
+    sim = replace(sim, uncertainty_directions=direction[None])
+    return JointModel(*names, sim, inertia, motions, nominal)
+
+
+def compute_input_rate(u: Float64[np.ndarray, " T"], motion: Trajectory, *, hold: str) -> np.ndarray:
+    """Rate of change of an input (T,) within each clip [its unit / s]; of a held one, from its sample on."""
+    parts = []
+    for start, stop in motion.segments:
+        values, time_s = u[start:stop], motion.time_s[start:stop]
+        if stop - start < 2:
+            parts.append(np.zeros(stop - start))
+        elif hold == "zoh":
+            parts.append(np.append(np.diff(values) / np.diff(time_s), 0.0))
+        else:
+            parts.append(np.gradient(values, time_s))
+    return np.concatenate(parts)
 
 
 def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float64[np.ndarray, " T"]:
@@ -191,6 +217,6 @@ def _make_joint_fields(chosen: MujocoSelection, joint: int, inertia: float, gain
     return FieldFunctions(
         mass=lambda q: np.full((len(q), 1, 1), inertia),
         potential_gradient=lambda q: -own(q, np.zeros_like(q)),
-        input_map=lambda q: np.tile([[[gain], [1.0]]], (len(q), 1, 1)),
+        input_map=lambda q: np.tile([[[gain], [1.0], [0.0]]], (len(q), 1, 1)),
         dissipation=lambda q, v: own(q, np.zeros_like(q)) - own(q, v) + dry * np.sign(v),
     )
