@@ -58,7 +58,15 @@ class DiagnoseConfig:
         require_setting("diagnose.input_hold", hold, hold in ("linear", "zoh"), rule)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
-        counts = ("film_d", "max_coupled", "families", "places", "starts", "iterations", "identify_iterations")
+        counts = (
+            "film_d",
+            "max_coupled",
+            "families",
+            "places",
+            "starts",
+            "iterations",
+            "identify_iterations",
+        )
         require_least(self, "diagnose", 1, *counts)
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
@@ -415,6 +423,10 @@ class JOINTS:
 
     gain_poses: int = 50  # poses at which the gain of a motor is measured [count]
     gain_tolerance: float = 1e-6  # change of a gain, or gain on another joint, over the gain [1]: rounding
+    max_misfit_ratio: float = (
+        1.5  # misfit over that on a run of the file [1] up to which there is no gap: both
+    )
+    # are means over some forty independent samples, so that their ratio is within 1 +- 2 sqrt(2 / 40 + 2 / 40)
 
 
 class PROJECTION:

@@ -144,18 +144,20 @@ def smooth_motions(motions: Sequence[Trajectory], *, periods_s: Sequence[float])
     """Smooth every coordinate by itself: its acceleration is a random function of Matern-3/2 covariance.
 
     Variances and length scale are those of largest marginal likelihood. ``periods_s`` are the periods [s]
-    of the coordinates.
-
-    Raises:
-        ValueError: a coordinate never moves.
+    of the coordinates. One that never moves stays as it is.
     """
     y = np.concatenate([motion.q for motion in motions])
     columns = []
     for i, period_s in enumerate(periods_s):
+        if np.ptp(y[:, i]) == 0.0:
+            columns.append(y[:, i, None] * [1.0, 0.0, 0.0])
+            continue
         record = _join_positions(motions, y[:, i : i + 1], period_s)
         steps = compute_kinematic_steps(record.h, 1)
         fits = [
-            state_space.maximize_likelihood(record, steps, state_space.guess_variances(record, share * period_s))
+            state_space.maximize_likelihood(
+                record, steps, state_space.guess_variances(record, share * period_s)
+            )
             for share in LATENT_FORCE.length_scales_periods
         ]
         best = max(fits, key=lambda fit: fit.log_likelihood)

@@ -9,7 +9,6 @@ MuJoCo computes it; the run follows its motion by computed torque, Craig, "Intro
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64

@@ -52,6 +52,7 @@ class JointModel:
 
     joint: str
     actuator: str
+    channel: int  # of the actuator's input in the recordings of the chain
     sim: EstimatedSimulator
     inertia: float  # reference inertia `m`, in the units of the file
     motions: tuple[Trajectory, ...]
@@ -95,7 +96,7 @@ def find_motors(chosen: MujocoSelection, q: Float64[np.ndarray, "N d"]) -> dict[
 def build_joint_models(
     path: Path, chosen: MujocoSelection, motions: Sequence[Trajectory], *, hold: str
 ) -> tuple[JointModel, ...]:
-    """A model for every chosen joint, with a warning of what the file has beyond forces and inputs.
+    """A model for every chosen joint that moves, with a warning of what the file has beyond forces and inputs.
 
     Args:
         path, chosen: the MuJoCo file and its joints and actuators.
@@ -103,17 +104,22 @@ def build_joint_models(
         hold: "zoh" where inputs are held between samples, else "linear".
 
     Raises:
-        ValueError: a joint without a motor of its own (`find_motors`), or one that never moves.
+        ValueError: a joint without a motor of its own (`find_motors`).
     """
     ready = prepare_dataset(motions, period_s=estimate_spectral_period_s(motions))
     motors = find_motors(chosen, ready.smooth)
     lacking = [name for i, name in enumerate(chosen.joints) if i not in motors]
     if lacking:
         names = ", ".join(lacking)
-        raise ValueError(f"{path}: no motor of its own drives {names}; give each joint one, and log its torque")
+        raise ValueError(
+            f"{path}: no motor of its own drives {names}; give each joint one, and log its torque"
+        )
     warn_of_omissions(path, chosen, sample_operating_region(ready.dataset))
     count = len(chosen.joints)
-    periods_s = [estimate_spectral_period_s([_pick_coordinate(m, i) for m in motions]) for i in range(count)]
+    moving = np.flatnonzero(np.ptp(np.concatenate([motion.q for motion in motions]), axis=0)).tolist()
+    periods_s = np.ones(count)  # those of joints that never move are of no account
+    for i in moving:
+        periods_s[i] = estimate_spectral_period_s([_pick_coordinate(motion, i) for motion in motions])
     smoothed = smooth_motions(motions, periods_s=periods_s)
     channels = [motors[i].channel for i in range(count)]
     nominal = []
@@ -126,7 +132,7 @@ def build_joint_models(
     run = _ChainMotions(
         nominal, nominal_smooth, [compute_chain_forces(chosen, each) for each in nominal_smooth]
     )
-    return tuple(_build_joint_model(path, chosen, real, run, i, motors[i], hold) for i in range(count))
+    return tuple(_build_joint_model(path, chosen, real, run, i, motors[i], hold) for i in moving)
 
 
 @dataclass(frozen=True)
@@ -177,7 +183,7 @@ def _build_joint_model(
     unchanged = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
     direction = flatten_coefficients(replace(model, **{**unchanged, "input_map": shift}))
     sim = replace(sim, uncertainty_directions=direction[None])
-    return JointModel(*names, sim, inertia, motions, nominal)
+    return JointModel(*names, motor.channel, sim, inertia, motions, nominal)
 
 
 def compute_input_rate(u: Float64[np.ndarray, " T"], motion: Trajectory, *, hold: str) -> np.ndarray:
