@@ -323,7 +323,7 @@ def write_mujoco_patch(
 def write_joint_files(
     sim: str, out: Path, parts: Sequence[DiagnosisInputs], runs: Sequence[DiagnosisRun], diagnosis: Diagnosis
 ) -> Diagnosis:
-    """Write what belongs to a diagnosis joint by joint: the changed file, and the leader's computed inputs."""
+    """Write the changed MuJoCo file, and the computed inputs of the joint that leads."""
     named = next(part for part in parts if part.joint and part.joint.joint == diagnosis.q_names[0])
     save_joint_inputs(out / JOINT_INPUTS, named)
     found = [

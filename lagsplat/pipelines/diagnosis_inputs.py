@@ -217,8 +217,8 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
         if lacking:
             why = f"no motor with a logged torque drives {', '.join(lacking)} alone"
         warnings.warn(
-            f"{path.name}: its {motions[0].d} joints are diagnosed as one, which takes long, because {why}; log "
-            "the torque of each joint, or name fewer joints with diagnose.joints=[...]",
+            f"{path.name}: its {motions[0].d} joints are diagnosed as one, which takes long, because {why}; "
+            "log the torque of each joint, or name fewer joints with diagnose.joints=[...]",
             stacklevel=4,
         )
         return ()

@@ -122,8 +122,8 @@ def patch_augmented(
     """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
 
     Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
-    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is the inertia that the simulator
-    counts forces in, where it has one coordinate and that is not the file's at rest.
+    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what the simulator of a single
+    coordinate counts forces in, where that is not the file's inertia at rest.
 
     Raises:
         FileNotFoundError, ValueError: as `load_mujoco`, or the changed model is refused by MuJoCo.

@@ -9,8 +9,8 @@ where ``m`` is the median of ``M_jj`` along the motion. Gravity, Coriolis forces
 are in ``b_j``, an input that is computed and not logged. Where the model moves as measured, the equation is
 exact; what ``M_jj`` deviates from ``m`` acts on the difference of both alone.
 
-Torques may act some time before or after their stamp: MuJoCo's integrator lets them act half a time step early.
-The rate of the torque is a third input, without gain but with an uncertainty of half a time step.
+Torques may act some time before or after their stamp: MuJoCo's integrator lets them act half a time step
+early. The rate of the torque is a third input, without gain but with an uncertainty of half a time step.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ COUPLING, RATE = "coupling of {}", "rate of {}"
 
 @dataclass(frozen=True)
 class JointModel:
-    """One joint of a chain as a simulator of its own, with its recordings: coordinate, torque and coupling."""
+    """One joint of a chain as a simulator of its own, with its recordings."""
 
     joint: str
     actuator: str
@@ -96,10 +96,10 @@ def find_motors(chosen: MujocoSelection, q: Float64[np.ndarray, "N d"]) -> dict[
 def build_joint_models(
     path: Path, chosen: MujocoSelection, motions: Sequence[Trajectory], *, hold: str
 ) -> tuple[JointModel, ...]:
-    """A model for every chosen joint that moves, with a warning of what the file has beyond forces and inputs.
+    """A model for every chosen joint that moves, with a warning of what the file has beyond them.
 
     Args:
-        path, chosen: the MuJoCo file and its joints and actuators.
+        path, chosen: the MuJoCo file and its joints and actuators; contacts are switched off in it.
         motions: recordings of all of them.
         hold: "zoh" where inputs are held between samples, else "linear".
 
@@ -115,6 +115,7 @@ def build_joint_models(
             f"{path}: no motor of its own drives {names}; give each joint one, and log its torque"
         )
     warn_of_omissions(path, chosen, sample_operating_region(ready.dataset))
+    chosen.model.opt.disableflags |= int(require_mujoco().mjtDisableBit.mjDSBL_CONTACT)
     count = len(chosen.joints)
     moving = np.flatnonzero(np.ptp(np.concatenate([motion.q for motion in motions]), axis=0)).tolist()
     periods_s = np.ones(count)  # those of joints that never move are of no account

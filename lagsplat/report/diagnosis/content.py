@@ -127,7 +127,7 @@ def list_refit_moves(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
 
 
 def list_joints(diagnosis: Diagnosis) -> list[Mapping[str, Any]]:
-    """List the rows of joints that were diagnosed one by one: ``joint``, ``verdict``, ``effects``, the gap."""
+    """List the rows of joints that were diagnosed one by one, as `summarize_joint` makes them."""
     return list(diagnosis.checks.get("joints", ()))
 
 
