@@ -122,7 +122,7 @@ def patch_augmented(
     """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
 
     Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
-    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what the simulator of a single
+    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what a simulator of a single
     coordinate counts forces in, where that is not the file's inertia at rest.
 
     Raises:
