@@ -125,7 +125,8 @@ def patch_joints(
 
     What MuJoCo cannot express is listed as left out; a file is written if there is anything else.
     """
-    lines, present = [], sim
+    lines: list[str] = []
+    present = sim
     for part, augmented in found:
         joint = part.joint
         assert joint is not None

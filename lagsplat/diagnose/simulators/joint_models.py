@@ -118,7 +118,7 @@ def build_joint_models(
     chosen.model.opt.disableflags |= int(require_mujoco().mjtDisableBit.mjDSBL_CONTACT)
     count = len(chosen.joints)
     moving = np.flatnonzero(np.ptp(np.concatenate([motion.q for motion in motions]), axis=0)).tolist()
-    periods_s = np.ones(count)  # those of joints that never move are of no account
+    periods_s = [1.0] * count  # those of joints that never move are of no account
     for i in moving:
         periods_s[i] = estimate_spectral_period_s([_pick_coordinate(motion, i) for motion in motions])
     smoothed = smooth_motions(motions, periods_s=periods_s)

@@ -136,8 +136,8 @@ def _mention_joints(diagnosis: Diagnosis) -> str:
         return ""
     parts = [f"{row['joint']}: {name_joint_cause(row)}" for row in rows]
     return (
-        f"This is joint {diagnosis.q_names[0]}, the others moving as recorded. Each was diagnosed so; "
-        f"{'; '.join(parts)}."
+        f"All this is of joint {diagnosis.q_names[0]}, while the other joints move as recorded. They were "
+        f"diagnosed likewise: {'; '.join(parts)}."
     )
 
 
