@@ -69,6 +69,7 @@ def search_gap(
         u_names=real[0].u_names,
         without=config.without,
         targets=config.targets,
+        computed=real[0].computed,
     )
     budget = SearchBudget(config, max(1.0, sim.misfit), log_evidence_offset)
     return search_effects(problem, candidates, budget, report_progress=report_progress)

@@ -36,8 +36,14 @@ from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_follow_up import look_further
-from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_diagnosis_inputs
-from lagsplat.pipelines.diagnosis_progress import ProgressDisplay
+from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_inputs_by_joint
+from lagsplat.pipelines.diagnosis_progress import ProgressDisplay, count_steps
+from lagsplat.pipelines.joint_diagnosis import (
+    JOINT_INPUTS,
+    diagnose_joints,
+    patch_joints,
+    save_joint_inputs,
+)
 from lagsplat.provenance import stamp
 from lagsplat.report.diagnosis.content import ReportContent, save_next_inputs, save_rollouts
 from lagsplat.report.diagnosis.html import render_report
@@ -84,7 +90,7 @@ def run_diagnosis(
         config,
         log_evidence_offset=log_evidence_offset,
         report_progress=report_progress,
-        tolerances_are_causes=inputs.recordings is None,
+        tolerances_are_causes=inputs.tolerances_are_causes,
     )
     report_progress("locate the gap")
     ratio = 0.0 if image_quality is None else image_quality.perception.ratio
@@ -221,7 +227,8 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
         # rollouts of a wrong hypothesis overflow; what is not finite is rejected where it is compared
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            inputs, run, content = _diagnose_arguments(sim, real, config, display)
+            parts, runs, leader, content = _diagnose_arguments(sim, real, config, display)
+        inputs, run = parts[leader], runs[leader]
         # warnings for programmers are dropped
         texts = [str(each.message) for each in caught if each.category is UserWarning]
         new = [text for text in dict.fromkeys(texts) if text not in run.diagnosis.warnings]
@@ -232,7 +239,10 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     settings: dict[str, Any] = {"sim": sim, "real": real, "config": asdict(config), "stamp": stamp()}
     augmented = build_augmented_simulator(inputs, run)
     save_augmented(out / AUGMENTED_FILE, augmented, settings)
-    diagnosis = write_mujoco_patch(sim, out / "patched.xml", augmented, diagnosis, config)
+    if inputs.joint is None:
+        diagnosis = write_mujoco_patch(sim, out / "patched.xml", augmented, diagnosis, config)
+    else:
+        diagnosis = write_joint_files(sim, out, parts, runs, diagnosis)
     # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_next_inputs(out, diagnosis)
@@ -244,7 +254,9 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
 
 def _diagnose_arguments(
     sim: str, real: str, config: DiagnoseConfig, display: ProgressDisplay
-) -> tuple[DiagnosisInputs, DiagnosisRun, ReportContent]:
+) -> tuple[Sequence[DiagnosisInputs], Sequence[DiagnosisRun], int, ReportContent]:
+    """Inputs and runs, one of each for every joint that is diagnosed by itself, and which of them leads."""
+
     def show_checks(checked: DataCheck) -> None:
         display.show_checks(checked)
         display("prepare the sim")
@@ -253,14 +265,22 @@ def _diagnose_arguments(
         display.warn(text)
         display("fit the sim's film")
 
-    inputs = open_diagnosis_inputs(sim, real, config, show_checks=show_checks, show_fit=show_fit)
+    def run_one(part: DiagnosisInputs, report: Callable[[str], None]) -> DiagnosisRun:
+        return run_diagnosis(part, config, report_progress=report)
+
+    parts = open_inputs_by_joint(sim, real, config, show_checks=show_checks, show_fit=show_fit)
     try:
-        run = run_diagnosis(inputs, config, report_progress=display)
+        if parts[0].joint is None:
+            runs, leader = [run_one(parts[0], display)], 0
+        else:
+            display("search joint by joint", len(parts) * count_steps(config))
+            runs, leader = diagnose_joints(parts, run_one, report_progress=display)
     except ValueError as error:
         reason = str(error)
         if isinstance(error, np.linalg.LinAlgError) or "infs or NaNs" in reason:
             reason = "The sim cannot follow the real motions, its numbers overflow; check units and signs"
-        raise ValueError(" ".join([*inputs.checked.warnings, reason])) from error
+        raise ValueError(" ".join([*parts[0].checked.warnings, reason])) from error
+    inputs, run = parts[leader], runs[leader]
     display("plan the next experiment", 2)
     run = look_further(inputs, run, config)
     display("draw the figures", 1)
@@ -270,7 +290,8 @@ def _diagnose_arguments(
 
         display("compare the images", 1)
         run, content = add_images(inputs, run, content)
-    return inputs, run, content
+    runs[leader] = run
+    return parts, runs, leader, content
 
 
 def require_writable(out: Path) -> None:
@@ -297,6 +318,27 @@ def write_mujoco_patch(
     changes = patch_augmented(Path(sim), out, augmented, joints=config.joints, actuators=config.actuators)
     lines = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
     return replace(diagnosis, checks={**diagnosis.checks, "mujoco": lines})
+
+
+def write_joint_files(
+    sim: str, out: Path, parts: Sequence[DiagnosisInputs], runs: Sequence[DiagnosisRun], diagnosis: Diagnosis
+) -> Diagnosis:
+    """Write the changed MuJoCo file, and the computed inputs of the joint that leads."""
+    named = next(part for part in parts if part.joint and part.joint.joint == diagnosis.q_names[0])
+    save_joint_inputs(out / JOINT_INPUTS, named)
+    found = [
+        (part, build_augmented_simulator(part, run))
+        for part, run in zip(parts, runs, strict=True)
+        if run.diagnosis.verdict == "effect"
+    ]
+    note = (
+        f"{AUGMENTED_FILE} is joint {diagnosis.q_names[0]} alone, the other joints moving as recorded; its "
+        f"inputs {', '.join(diagnosis.u_names)} are in {JOINT_INPUTS}"
+    )
+    checks = {**diagnosis.checks, "augmented": [note]}
+    if found:
+        checks["mujoco"] = patch_joints(Path(sim), out / "patched.xml", found)
+    return replace(diagnosis, checks=checks)
 
 
 def build_augmented_simulator(inputs: DiagnosisInputs, run: DiagnosisRun) -> AugmentedSimulator:

@@ -50,7 +50,12 @@ def _check_files(
 
 
 def _plan_next(inputs: DiagnosisInputs, run: DiagnosisRun, config: DiagnoseConfig) -> NextExperiments | None:
-    """What separates the two leading hypotheses; None where there are not two, or `none` is certain."""
+    """What separates the two leading hypotheses; None where there are not two, or `none` is certain.
+
+    None as well where an input was computed, which nobody can play.
+    """
+    if inputs.real[0].computed:
+        return None
     first = run.diagnosis.candidates[0]
     leaders = select_leaders(run.diagnosis.candidates, run.ranking, run.chosen)
     if not leaders or (first.name == "none" and first.probability >= CERTAIN_NONE):

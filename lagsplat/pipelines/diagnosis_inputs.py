@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,11 @@ import numpy as np
 from lagsplat.diagnose.core.config import CALIBRATION_CHECKS, IDENTIFICATION, DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
-from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
+from lagsplat.diagnose.data_quality.natural_period import (
+    estimate_natural_period_s,
+    estimate_spectral_period_s,
+)
+from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.diagnose.data_quality.sampling import REPEATED_SAMPLES_CHECK, average_dense_samples
 from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.diagnose.effects.registry import list_effects
@@ -20,6 +25,7 @@ from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operati
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
+from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
 from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, read_sources
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -48,6 +54,7 @@ class DiagnosisInputs:
     targets: Mapping[str, str] = field(default_factory=dict)
     """Inputs that are position targets, each with its coordinate, by the settings, names or a MuJoCo file."""
     hold: str | None = None  # inputs between samples, where the sim's own recordings contradict the settings
+    joint: JointModel | None = None  # the joint, where it is diagnosed by itself
 
     @property
     def real(self) -> tuple[Trajectory, ...]:
@@ -60,6 +67,15 @@ class DiagnosisInputs:
         if self.recordings is None or not self.recordings.same_recording:
             return ()
         return tuple(effect.name for effect in list_effects() if effect.absorbed_by_fit)
+
+    @property
+    def tolerances_are_causes(self) -> bool:
+        """Whether a parameter that is off within its tolerance is a cause.
+
+        It is none where the sim was learned, or misses runs of its own file by more than their noise.
+        """
+        missed = self.joint is not None and self.sim.misfit >= CALIBRATION_CHECKS.missed_misfit
+        return self.recordings is None and not missed
 
     @property
     def null_motion(self) -> Trajectory | None:
@@ -90,6 +106,47 @@ def open_diagnosis_inputs(
         FileNotFoundError: a file does not exist.
         ValueError: a file cannot be read, or sim and real have different coordinates or inputs.
     """
+    return _open_coupled(_read_sides(sim, real, config, show_checks, show_fit), config)
+
+
+def open_inputs_by_joint(
+    sim: str,
+    real: str,
+    config: DiagnoseConfig,
+    *,
+    show_checks: Callable[[DataCheck], None] = lambda _: None,
+    show_fit: Callable[[str], None] = lambda _: None,
+) -> tuple[DiagnosisInputs, ...]:
+    """As `open_diagnosis_inputs`; one for each joint of a MuJoCo chain of more than `max_coupled` of them.
+
+    A joint that never moves is left out. Where a joint has no motor of its own whose torque is logged, all
+    joints are one, with a warning.
+
+    Raises:
+        FileNotFoundError, ValueError: as `open_diagnosis_inputs`.
+    """
+    sides = _read_sides(sim, real, config, show_checks, show_fit)
+    return _open_joints(sides, config) or (_open_coupled(sides, config),)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Both sides as they were read: the sim's sources, its recordings, and the checks."""
+
+    sim: str
+    models: Sequence[DataSource]
+    nominal: Sequence[Trajectory]
+    recordings: "RecordingPair | None"
+    checked: DataCheck
+
+
+def _read_sides(
+    sim: str,
+    real: str,
+    config: DiagnoseConfig,
+    show_checks: Callable[[DataCheck], None],
+    show_fit: Callable[[str], None],
+) -> _Sides:
     sims = find_sources(sim)
     of_film: tuple[Finding, ...] = ()
     if any(source.kind in VIDEO_KINDS for source in sims):
@@ -117,19 +174,69 @@ def open_diagnosis_inputs(
             nominal = read_sources(sims, columns=config.columns)
         checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
     show_checks(checked)
-    excitation: tuple[Excitation, ...] = ()
-    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
-    if period_s is not None:
-        motions, noise, loop = checked.real.motions, checked.real.noise, checked.closed_loop
-        rows = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=loop)
-        unseen = list_unseen(film=recordings is not None)
-        excitation = tuple(row for row in rows if row.effect not in unseen)
+    return _Sides(sim, models, nominal, recordings, checked)
+
+
+def _open_coupled(sides: _Sides, config: DiagnoseConfig) -> DiagnosisInputs:
+    """One simulator of all coordinates."""
+    models, checked, recordings = sides.models, sides.checked, sides.recordings
+    excitation = _assess_excitation(checked, checked.closed_loop, film=recordings is not None)
     null_motion = None if recordings is None else recordings.null_motion
     simulator, hold = _open_simulator(models, checked, config, null_motion)
-    findings = _simulator_findings(simulator, sim, nominal, held=hold is not None)
+    findings = _simulator_findings(simulator, sides.sim, sides.nominal, held=hold is not None)
     checked = replace(checked, findings=(*checked.findings, *findings))
     targets = _find_targets(models, checked.real.motions[0], config)
     return DiagnosisInputs(simulator, checked, excitation, recordings, targets, hold)
+
+
+def _assess_excitation(checked: DataCheck, loop: Sequence[str], *, film: bool) -> tuple[Excitation, ...]:
+    """What the real recordings excite of each effect that they can show; nothing where nothing swings."""
+    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
+    if period_s is None:
+        return ()
+    motions, noise = checked.real.motions, checked.real.noise
+    rows = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=tuple(loop))
+    unseen = list_unseen(film=film)
+    return tuple(row for row in rows if row.effect not in unseen)
+
+
+def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs, ...]:
+    """One simulator for each joint; nothing where the sim is no such chain."""
+    motions = sides.checked.real.motions
+    if not sides.models or sides.models[0].kind != "mujoco" or motions[0].d <= config.max_coupled:
+        return ()
+    path = Path(sides.models[0].path)
+    chosen = load_mujoco(path, joints=config.joints, actuators=config.actuators)
+    if (len(chosen.joints), len(chosen.actuators)) != (motions[0].d, motions[0].n_u):
+        return ()  # refused with both numbers where all are opened as one
+    targets = _find_targets(sides.models, motions[0], config)
+    motors = find_motors(chosen, np.concatenate([motion.q for motion in motions]))
+    lacking = [name for i, name in enumerate(chosen.joints) if i not in motors]
+    if targets or lacking:
+        why = f"{', '.join(targets)} is a position target and no torque"
+        if lacking:
+            why = f"no motor with a logged torque drives {', '.join(lacking)} alone"
+        warnings.warn(
+            f"{path.name}: its {motions[0].d} joints are diagnosed as one, which takes long, because {why}; "
+            "log the torque of each joint, or name fewer joints with diagnose.joints=[...]",
+            stacklevel=4,
+        )
+        return ()
+    made = build_joint_models(path, chosen, motions, hold=config.input_hold)
+    return tuple(_open_joint(joint, sides.checked, config) for joint in made)
+
+
+def _open_joint(joint: JointModel, checked: DataCheck, config: DiagnoseConfig) -> DiagnosisInputs:
+    """The inputs of one joint, its sim's misfit measured on a run of the file that moves alike."""
+    period_s = estimate_natural_period_s(joint.motions) or estimate_spectral_period_s(joint.motions)
+    noise = measure_noise(joint.motions, period_s=period_s)
+    logged = [replace(each, u=each.u[:, :1], u_names=each.u_names[:1], computed=()) for each in joint.motions]
+    side = replace(checked.real, motions=tuple(logged), period_s=period_s, noise=noise)
+    loop = [joint.actuator] if checked.real.motions[0].u_names[joint.channel] in checked.closed_loop else []
+    excitation = _assess_excitation(replace(checked, real=side), loop, film=False)
+    sim = calibrate_misfit(joint.sim, joint.nominal, config)
+    checked = replace(checked, real=replace(side, motions=joint.motions))
+    return DiagnosisInputs(sim, checked, excitation, joint=joint)
 
 
 def list_unseen(*, film: bool) -> tuple[str, ...]:

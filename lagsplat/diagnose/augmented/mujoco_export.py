@@ -117,11 +117,13 @@ def patch_augmented(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    inertia: float | None = None,
 ) -> tuple[str, ...]:
     """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
 
     Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
-    ``actuators`` are the coordinates and inputs, by default all.
+    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what a simulator of a single
+    coordinate counts forces in, where that is not the file's inertia at rest.
 
     Raises:
         FileNotFoundError, ValueError: as `load_mujoco`, or the changed model is refused by MuJoCo.
@@ -131,6 +133,7 @@ def patch_augmented(
         return ()  # between two joints
     selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators)
     mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
+    mass = mass if inertia is None else np.array([[inertia]])
     spec = mujoco_model.require_mujoco().MjSpec.from_file(str(path))
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):

@@ -113,8 +113,8 @@ def _add_push_inputs(simulator: AugmentedSimulator) -> AugmentedSimulator:
     effects, unknowns, at = [], [], 0
     for placed in simulator.effects:
         # an effect of all inputs at once becomes one of each, so that it leaves the pushes alone
-        every_input = isinstance(placed.effect, InputEffect) and placed.channel is None
-        for channel in range(n_u) if every_input else [placed.channel]:
+        on_inputs = isinstance(placed.effect, InputEffect)
+        for channel in placed.list_channels(n_u) if on_inputs else [placed.channel]:
             effects.append(replace(placed, channel=channel))
             unknowns.append(simulator.x[at : at + placed.size])
         at += placed.size

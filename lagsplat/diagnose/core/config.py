@@ -27,6 +27,7 @@ class DiagnoseConfig:
     columns: dict[str, str]  # columns of a table that have other names: `{t: time, q0: angle, u0: torque}`
     joints: list[str] | None  # joints of a MuJoCo model that are the coordinates; None for all
     actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
+    max_coupled: int  # joints of a MuJoCo model above which each is diagnosed by itself, if driven so [count]
     targets: dict[str, str]  # inputs that are position targets, each with its coordinate: `{u0: q0}`
     without: list[str]  # effects that are left out of the catalogue
     film_d: int  # coordinates of the mechanism in a film that is the simulator [count]
@@ -57,7 +58,15 @@ class DiagnoseConfig:
         require_setting("diagnose.input_hold", hold, hold in ("linear", "zoh"), rule)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
-        counts = ("film_d", "families", "places", "starts", "iterations", "identify_iterations")
+        counts = (
+            "film_d",
+            "max_coupled",
+            "families",
+            "places",
+            "starts",
+            "iterations",
+            "identify_iterations",
+        )
         require_least(self, "diagnose", 1, *counts)
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
@@ -407,6 +416,15 @@ class IDENTIFICATION:
 
 
 # --- Given simulators
+
+
+class JOINTS:
+    """Chains whose joints are diagnosed one by one."""
+
+    gain_poses: int = 50  # poses at which the gain of a motor is measured [count]
+    gain_tolerance: float = 1e-6  # change of a gain, or gain on another joint, over the gain [1]: rounding
+    # both misfits are means over about forty independent samples: their ratio is within 1 +- 2 sqrt(4 / 40)
+    max_misfit_ratio: float = 1.5  # misfit over that on a run of the file [1], up to which there is no gap
 
 
 class PROJECTION:

@@ -73,6 +73,9 @@ class Effect(EffectDescription):
     """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
     recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
     camera: Literal["moved between recordings", "moves while recording", "shutter"] | None = None
+    needs_all_forces: bool = False
+    """Reads forces, or moves masses, that coordinates share: it is not fitted to one of them alone, where an
+    input was computed along the motion of the others (`Trajectory.computed`)."""
     component: Component | None = None  # term of the equations of motion; None for sensor and clock
     level: Level = "dynamics"  # where on the way from image to motion it acts
     passive: bool = False  # never feeds energy into the mechanism
@@ -230,6 +233,8 @@ class PlacedEffect:
     grid: tuple[tuple[float, ...], ...] | None = None
     """Values of all but the amplitudes that the search tries first, in place of the parameters' own grids."""
     constants: tuple[float, ...] = ()  # what a law gets last, where that depends on the place
+    spared: tuple[int, ...] = ()
+    """Channels that an effect of all inputs leaves alone, as they were computed and not logged."""
     parts: tuple["PlacedEffect", ...] = ()
     """Where it acts at several places at once: each of them, in the order of the parameters."""
 
@@ -237,6 +242,12 @@ class PlacedEffect:
     def size(self) -> int:
         """Number of parameters."""
         return len(self.effect.parameters)
+
+    def list_channels(self, n_u: int) -> list[int]:
+        """The channels of ``n_u`` inputs that an effect on inputs changes."""
+        if self.channel is not None:
+            return [self.channel]
+        return [channel for channel in range(n_u) if channel not in self.spared]
 
     @property
     def changes_motion(self) -> bool:

@@ -144,8 +144,7 @@ class RolloutModel:
         for effect, part in changes:
             values = distinct[:, at : at + part.shape[1]]
             at += part.shape[1]
-            channels = range(u.shape[-1]) if effect.channel is None else [effect.channel]
-            for channel in channels:
+            for channel in effect.list_channels(u.shape[-1]):
                 changed = effect.effect.change(self.inputs[channel], values)  # type: ignore[attr-defined]
                 u[..., channel] = changed.reshape(len(distinct), *self.stages)
         return u, u_of.reshape(-1).astype(np.int64)

@@ -30,10 +30,12 @@ def place_effects(
     u_names: Sequence[str],
     without: Sequence[str],
     targets: Mapping[str, str] = MappingProxyType({}),
+    computed: Sequence[str] = (),
 ) -> list[PlacedEffect]:
     """Every effect of the catalogue at every place where something moves.
 
-    ``targets`` are the inputs that are position targets, each with its coordinate.
+    ``targets`` are the inputs that are position targets, each with its coordinate. ``computed`` inputs were
+    not logged: no effect acts on them, and none is placed that `Effect.needs_all_forces`.
 
     Raises:
         ValueError: ``targets`` names an input or a coordinate that is not there.
@@ -49,7 +51,7 @@ def place_effects(
     eye, whole = np.eye(model.d), measure_largest_motion_scales(rollout_model)
     inputs = []
     for j, u in enumerate(record.u.T):
-        if np.ptp(u) > 0.0:
+        if np.ptp(u) > 0.0 and u_names[j] not in computed:
             scales = replace(whole, input=_rms(u), input_reach=float(np.abs(u).max()))
             inputs.append((j, u_names[j], scales))
     joints = combinations(range(model.d if model.d <= PROBLEM.max_joint_coordinates else 0), 2)
@@ -66,9 +68,11 @@ def place_effects(
         constant_inertia=len(model.mass) == 1,
         targets=tuple((j, i, _target_gain(model, j, i)) for j, i in servos),
     )
-    effects = (effect for effect in catalogue().values() if effect.name not in without)
-    placed = [place for effect in effects for place in finder.find(effect)]
-    return [place for place in placed if place.scales.reach > 0.0]
+    effects = [effect for effect in catalogue().values() if effect.name not in without]
+    effects = [effect for effect in effects if not (computed and effect.needs_all_forces)]
+    spared = tuple(j for j, name in enumerate(u_names) if name in computed)
+    placed = [place for effect in effects for place in finder.find(effect) if place.scales.reach > 0.0]
+    return [replace(place, spared=spared) for place in placed] if spared else placed
 
 
 def _target_gain(model: MechanicalModel, channel: int, coordinate: int) -> float:

@@ -70,6 +70,7 @@ def calibrate_null_evidence(
         u_names=u_names,
         without=config.without,
         targets=config.targets,
+        computed=reference.computed,
     )
     budget = SearchBudget(config, max(1.0, sim.misfit))
     found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found

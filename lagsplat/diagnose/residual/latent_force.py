@@ -135,6 +135,43 @@ def estimate_latent_force(
     return _split_by_motion(mechanics, motions, record, path, gained)
 
 
+@dataclass(frozen=True)
+class SmoothedMotion:
+    """A motion without its measurement noise, by no mechanics but that accelerations are smooth."""
+
+    q: Float64[np.ndarray, "T d"]
+    v: Float64[np.ndarray, "T d"]
+    a: Float64[np.ndarray, "T d"]
+
+
+def smooth_motions(motions: Sequence[Trajectory], *, periods_s: Sequence[float]) -> list[SmoothedMotion]:
+    """Smooth every coordinate by itself: its acceleration is a random function of Matern-3/2 covariance.
+
+    Variances and length scale are those of largest marginal likelihood. ``periods_s`` are the periods [s]
+    of the coordinates. One that never moves stays as it is.
+    """
+    y = np.concatenate([motion.q for motion in motions])
+    columns = []
+    for i, period_s in enumerate(periods_s):
+        if np.ptp(y[:, i]) == 0.0:
+            columns.append(y[:, i, None] * [1.0, 0.0, 0.0])
+            continue
+        record = _join_positions(motions, y[:, i : i + 1], period_s)
+        steps = compute_kinematic_steps(record.h, 1)
+        fits = [
+            state_space.maximize_likelihood(
+                record, steps, state_space.guess_variances(record, share * period_s)
+            )
+            for share in LATENT_FORCE.length_scales_periods
+        ]
+        best = max(fits, key=lambda fit: fit.log_likelihood)
+        path = state_space.smooth_path(record, steps, best)
+        columns.append(np.concatenate([path.q, path.v, path.force], axis=1))
+    stacked = np.stack(columns, axis=2)  # (T, 3, d)
+    ends = np.cumsum([motion.n for motion in motions])[:-1]
+    return [SmoothedMotion(*np.moveaxis(part, 1, 0)) for part in np.split(stacked, ends)]
+
+
 def _choose_length_scale(
     record: SmootherData, steps: LinearSteps, start: ForceVariances, period_s: float
 ) -> tuple[ForceVariances, Float64[np.ndarray, " d"]]:
@@ -158,7 +195,17 @@ def _build_record(mechanics: MechanicalModel, motions: Sequence[Trajectory], per
                 f"{motion.source}: {motion.d} coordinates and {motion.n_u} inputs, but the sim has "
                 f"{mechanics.d} and {mechanics.n_u}; give both sides the same columns"
             )
-    y = np.concatenate([motion.q for motion in motions])
+    return _join_positions(motions, np.concatenate([motion.q for motion in motions]), period_s)
+
+
+def _join_positions(
+    motions: Sequence[Trajectory], y: Float64[np.ndarray, "T d"], period_s: float
+) -> SmootherData:
+    """Positions ``y`` of all motions with the scales of the state-space model.
+
+    Raises:
+        ValueError: a coordinate never moves.
+    """
     times = np.concatenate([motion.time_s for motion in motions])
     lengths = [b - a for motion in motions for a, b in motion.segments]
     starts = np.zeros(len(y), dtype=bool)

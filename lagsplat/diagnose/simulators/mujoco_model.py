@@ -113,7 +113,7 @@ def project_mujoco(
                 f"{path}: {len(names)} {what} {list(names)}, but the recording has {n} column(s) {letter}; "
                 f"name those that belong to them with diagnose.{what}=[...]"
             )
-    _warn_of_omissions(path, chosen, region)
+    warn_of_omissions(path, chosen, region)
     return project_fields(make_mujoco_fields(chosen), region, what=path.name)
 
 
@@ -218,7 +218,7 @@ def _find_indices(path: Path, what: str, wanted: Sequence[str] | None, names: li
     return [names.index(name) for name in wanted]
 
 
-def _warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
+def warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
     """Warn of what the model has beyond mass, forces and inputs."""
     model, mujoco, omitted = chosen.model, require_mujoco(), []
     for n, name in enumerate(chosen.joints):

@@ -26,8 +26,9 @@ class Trajectory:
     ``time_s`` [s] strictly increases and may be uneven; ``v`` is in units of ``q`` per second. ``n_u`` may
     be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all samples,
     no motion continues across their borders; empty means one clip. ``resolution`` (d,) are the steps of a
-    sensor that counts, in units of ``q`` and 0 where it does not; empty means not known. All numbers are
-    finite and become float64.
+    sensor that counts, in units of ``q`` and 0 where it does not; empty means not known. ``computed`` names
+    inputs that were computed along the motion instead of logged, so that no actuator made them. All numbers
+    are finite and become float64.
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the row.
@@ -49,6 +50,7 @@ class Trajectory:
     u_names: tuple[str, ...] = ()
     source: str = "motion"
     resolution: tuple[float, ...] = ()
+    computed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         blocks: dict[str, np.ndarray] = {}

@@ -21,7 +21,7 @@ from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_interval, format_number
 
-SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial")
+SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial", "joints")
 """Checks that have a function of their own; `read_measures` gives the others."""
 EMPTY_WHERE: dict[str, Any] = {
     "level": None,
@@ -124,6 +124,11 @@ def list_refit_moves(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
         tolerance = format_number(move["tolerance"], digits=2)
         rows.append((f"{move['name']} ({move['unit']})", value, f"{low} to {high}", f"± {tolerance}"))
     return rows
+
+
+def list_joints(diagnosis: Diagnosis) -> list[Mapping[str, Any]]:
+    """List the rows of joints that were diagnosed one by one, as `summarize_joint` makes them."""
+    return list(diagnosis.checks.get("joints", ()))
 
 
 def read_measures(diagnosis: Diagnosis) -> dict[str, Any]:

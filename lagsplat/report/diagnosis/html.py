@@ -21,6 +21,7 @@ from lagsplat.report.diagnosis.content import (
     ReportContent,
     list_excited,
     list_findings,
+    list_joints,
     list_missing_fields,
     list_refit_moves,
     read_measures,
@@ -28,7 +29,13 @@ from lagsplat.report.diagnosis.content import (
 )
 from lagsplat.report.diagnosis.figure_state import encode_video_uri
 from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
-from lagsplat.report.diagnosis.summary import format_estimates, name_candidate, write_headline, write_summary
+from lagsplat.report.diagnosis.summary import (
+    format_estimates,
+    name_candidate,
+    name_joint_cause,
+    write_headline,
+    write_summary,
+)
 
 DESCRIBED_FROM = 0.02  # probability from which the page describes a candidate
 MAX_TILE_NUMBERS = 6  # numbers that fit into one tile
@@ -62,6 +69,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         "short_title": short_title,
         "svg_uri": encode_svg_uri,
         "place": name_candidate,
+        "joint_cause": name_joint_cause,
         "probability": format_probability,
         "estimates": format_estimates,
         "closure": _format_closure,
@@ -78,6 +86,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         tiles=_list_tiles(diagnosis),
         numbers=_list_numbers(diagnosis),
         moves=list_refit_moves(diagnosis),
+        joints=list_joints(diagnosis),
         findings=list_findings(diagnosis),
         visible=[row for row in visible if row[2]],
         excitations=diagnosis.checks.get("excitation", ()),

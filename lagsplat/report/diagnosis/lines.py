@@ -7,13 +7,19 @@ from pathlib import Path
 from lagsplat.diagnose.core.result import Diagnosis
 from lagsplat.diagnose.effects.registry import describe_effect, short_title
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
-from lagsplat.report.diagnosis.content import find_main_coordinate, read_location, recommend_recordings
+from lagsplat.report.diagnosis.content import (
+    find_main_coordinate,
+    list_joints,
+    read_location,
+    recommend_recordings,
+)
 from lagsplat.report.diagnosis.summary import (
     ACTS_LIKE,
     LIKELY_FROM,
     explain_undecided,
     list_indistinguishable,
     name_candidate,
+    name_joint_cause,
     select_chosen,
     sum_probability,
     write_headline,
@@ -29,7 +35,10 @@ PLACES = {
 
 
 def write_lines(diagnosis: Diagnosis, *, report: str | os.PathLike[str]) -> list[str]:
-    """Write the five lines, each of at most `MAX_WIDTH` letters but for the path of the ``report``."""
+    """Write the five lines, each of at most `MAX_WIDTH` letters but for the path of the ``report``.
+
+    Joints that were diagnosed one by one follow, a line each.
+    """
     lines = {
         "verdict": _write_verdict(diagnosis),
         "gap": _write_size(diagnosis),
@@ -38,7 +47,17 @@ def write_lines(diagnosis: Diagnosis, *, report: str | os.PathLike[str]) -> list
         "next": _write_next(diagnosis),
     }
     texts = [_shorten(f"{name + ':':<9}{text}") for name, text in lines.items()]
-    return [*texts[:-1], f"{texts[-1]} (more: {Path(report)})"]
+    return [*texts[:-1], f"{texts[-1]} (more: {Path(report)})", *_list_joints(diagnosis)]
+
+
+def _list_joints(diagnosis: Diagnosis) -> list[str]:
+    """A line for each joint that was diagnosed by itself."""
+    texts = []
+    for row in list_joints(diagnosis):
+        sizes = [format_percent(row[name]) for name in ("before", "after") if row[name] is not None]
+        gap = f" (gap {' to '.join(sizes)})" if sizes else ""
+        texts.append(_shorten(f"{row['joint'] + ':':<9}{name_joint_cause(row)}{gap}"))
+    return texts
 
 
 def _write_verdict(diagnosis: Diagnosis) -> str:

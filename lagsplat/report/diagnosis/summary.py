@@ -1,7 +1,8 @@
 """A diagnosis in one paragraph that needs no training in mechanics, and the names in its sentences."""
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
+from typing import Any
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.effects.base import InputEffect
@@ -25,6 +26,7 @@ from lagsplat.report.diagnosis.content import (
     find_main_coordinate,
     list_excited,
     list_findings,
+    list_joints,
     read_location,
     recommend_recordings,
 )
@@ -41,6 +43,11 @@ HEADLINES = {
     "none": "No gap beyond the sim's own uncertainty",
     "unknown": "A gap that no known effect explains",
     "undetermined": "This recording cannot decide",
+}
+JOINT_VERDICTS = {
+    "none": "no gap",
+    "unknown": "a gap that no known effect explains",
+    "undetermined": "undecided",
 }
 LEVEL_TITLES = {
     "perception": "The gap arises in the measurement itself, in the sensor or its clock, before any physics",
@@ -77,7 +84,8 @@ def write_summary(diagnosis: Diagnosis) -> str:
         "unknown": _write_unknown,
         "undetermined": _write_undetermined,
     }
-    return " ".join(sentence for sentence in writers[diagnosis.verdict](diagnosis) if sentence)
+    sentences = [*writers[diagnosis.verdict](diagnosis), _mention_joints(diagnosis)]
+    return " ".join(sentence for sentence in sentences if sentence)
 
 
 def write_headline(diagnosis: Diagnosis) -> str:
@@ -111,6 +119,26 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
     if len(equivalent) == 1:
         sentences += [describe_effect(effect.name).remedy for effect in chosen]
     return [*sentences, _recommend_next(diagnosis)]
+
+
+def name_joint_cause(row: Mapping[str, Any]) -> str:
+    """Name what was found at one of several joints, such as "viscous damping at j1" or "no gap"."""
+    if row["verdict"] != "effect":
+        return JOINT_VERDICTS[row["verdict"]]
+    found = [Candidate(each["name"], 1.0, each["coordinate"], each["input"]) for each in row["effects"]]
+    return join_texts([name_candidate(candidate) for candidate in found], "and")
+
+
+def _mention_joints(diagnosis: Diagnosis) -> str:
+    """Say what was found at the joints that do not lead, where each was diagnosed by itself."""
+    rows = [row for row in list_joints(diagnosis) if row["joint"] not in diagnosis.q_names]
+    if not rows:
+        return ""
+    parts = [f"{row['joint']}: {name_joint_cause(row)}" for row in rows]
+    return (
+        f"All this is of joint {diagnosis.q_names[0]}, while the other joints move as recorded. They were "
+        f"diagnosed likewise: {'; '.join(parts)}."
+    )
 
 
 def _write_none(diagnosis: Diagnosis) -> list[str]:

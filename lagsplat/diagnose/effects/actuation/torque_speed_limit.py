@@ -45,6 +45,7 @@ EFFECT = ForceEffect(
         EffectParameter("stall", "drive", log_normal(1.5, 0.7), (0.8, 1.3, 2.0, 3.0)),
         EffectParameter("no_load", "velocity", log_normal(2.0, 0.7), (0.8, 1.5, 2.5, 4.0)),
     ),
+    needs_all_forces=True,
     needs="strong inputs at high and at low speed",
     place=place,
     law=force,

@@ -37,6 +37,7 @@ EFFECT = ForceEffect(
         EffectParameter("load_factor", "ratio", HalfNormal(0.2)),
         EffectParameter("acceleration", "acceleration", HalfNormal(0.1)),
     ),
+    needs_all_forces=True,
     needs="two static loads or poses",
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),

@@ -45,6 +45,7 @@ EFFECT = ModelEffect(
     component="inertial",
     equation="M = ratio M_sim (and V = ratio V_sim where the mass hangs)",
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
+    needs_all_forces=True,
     needs="a static hold and a motion, both under known inputs",
     variants=("", WEIGHT),
     along="whole",

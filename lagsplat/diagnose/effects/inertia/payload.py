@@ -48,6 +48,7 @@ EFFECT = ModelEffect(
         EffectParameter("weight", "ratio", HalfNormal(1.0), (0.01, 0.5, 1.0, 1.5)),
         EffectParameter("pull", "acceleration", Normal(2.0), (-2.0, 0.0, 2.0)),
     ),
+    needs_all_forces=True,
     needs="a static hold and a motion, both under known inputs",
     change=change,
     energy_bounded=lambda p, placed: True,

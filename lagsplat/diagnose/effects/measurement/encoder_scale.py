@@ -23,6 +23,7 @@ EFFECT = ObservationEffect(
         EffectParameter("scale", "ratio", Normal(0.1)),
         EffectParameter("offset", "coordinate", Normal(0.1)),
     ),
+    needs_all_forces=True,
     needs="two positions that are known from elsewhere",
     observe=observe,
     report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
