@@ -23,6 +23,7 @@ from lagsplat.report.common.formatting import format_interval, format_number
 
 SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial", "joints")
 """Checks that have a function of their own; `read_measures` gives the others."""
+MAX_RECOMMENDED = 3  # recordings that are recommended at once [count]
 EMPTY_WHERE: dict[str, Any] = {
     "level": None,
     "coordinates": {},
@@ -109,11 +110,17 @@ def list_excited(diagnosis: Diagnosis, grade: str) -> list[str]:
 
 
 def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Recommend what to record for each effect that this recording shows badly, the likeliest first."""
+    """Recommend what to record to see the likeliest effects that this recording shows badly.
+
+    At most `MAX_RECOMMENDED` different recordings, each with the likeliest effect that it would show.
+    """
     rows = [text.partition(": ")[::2] for text in diagnosis.excitation]
     probabilities = {candidate.name: candidate.probability for candidate in diagnosis.candidates}
     open_effects = [(name, record) for name, record in rows if name not in diagnosis.combination]
-    return sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0))
+    distinct: dict[str, str] = {}
+    for name, record in sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0)):
+        distinct.setdefault(record, name)
+    return [(name, record) for record, name in distinct.items()][:MAX_RECOMMENDED]
 
 
 def list_refit_moves(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:

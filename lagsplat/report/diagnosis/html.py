@@ -90,7 +90,9 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         findings=list_findings(diagnosis),
         visible=[row for row in visible if row[2]],
         excitations=diagnosis.checks.get("excitation", ()),
-        advice=[f"{short_title(name)}: {record}" for name, record in recommend_recordings(diagnosis)],
+        advice=[
+            f"{_capitalize(short_title(name))}: {text}" for name, text in recommend_recordings(diagnosis)
+        ],
         planned=diagnosis.next_experiments,
         next_inputs=NEXT_INPUTS,
         agreements=diagnosis.files,
@@ -106,6 +108,11 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         descriptions=_describe_likely(diagnosis),
         provenance=_list_provenance(content.stamp),
     )
+
+
+def _capitalize(text: str) -> str:
+    """Make the first letter a capital and leave the others, as of names, alone."""
+    return text[:1].upper() + text[1:]
 
 
 def _end_sentence(text: str) -> str:
