@@ -88,9 +88,10 @@ class Normal:
         return value
 
     def log_density(self, x: float) -> float:
-        """Logarithm of the density of the unknown."""
+        """Logarithm of the density of the unknown, which is at least `lowest`."""
         z = (x - self.mean) / self.deviation
-        return -0.5 * z * z - math.log(self.deviation * math.sqrt(2.0 * math.pi))
+        possible = 0.5 * math.erfc((self.lowest - self.mean) / (self.deviation * math.sqrt(2.0)))
+        return -0.5 * z * z - math.log(self.deviation * math.sqrt(2.0 * math.pi)) - math.log(possible)
 
 
 @dataclass(frozen=True)
@@ -98,10 +99,6 @@ class HalfNormal(Normal):
     """Half-normal prior: the parameter is never negative."""
 
     lowest: float = 0.0
-
-    def log_density(self, x: float) -> float:
-        """Logarithm of the density of the unknown."""
-        return Normal.log_density(self, x) + math.log(2.0)
 
 
 LARGEST_EXPONENT = 690.0  # largest logarithm whose exponential is neither zero nor infinite

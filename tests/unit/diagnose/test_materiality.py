@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.diagnose.core.result import Gap, Interval
 from lagsplat.diagnose.diagnosis import is_material, is_open, is_within_tolerance
-from lagsplat.diagnose.inference.holdout import HoldoutForecasts
+from lagsplat.diagnose.inference.holdout import HeldOutBlocks, HoldoutForecasts
 from tests.unit.diagnose.verdict.made_alternatives import FIT
 
 NOTHING = Interval(None, None, None)
@@ -15,7 +15,8 @@ def forecasts(
     share: Interval = NOTHING, given: Interval = NOTHING, refit: Interval = NOTHING
 ) -> HoldoutForecasts:
     gap = Gap(before=1.0, refit=0.9, after=0.5, floor=0.4, horizon_s=1.0, closure=NOTHING)
-    return HoldoutForecasts(gap, (), np.ones(3), np.ones(3), share, given, refit)
+    blocks = HeldOutBlocks.__new__(HeldOutBlocks)  # none of them is forecast here
+    return HoldoutForecasts(blocks, gap, (), np.ones(3), np.ones(3), share, given, refit)
 
 
 @pytest.mark.parametrize(
