@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -315,6 +316,17 @@ def test_shapes_have_guesses_and_amplitudes_have_none(name: str) -> None:
     assert effect.equation
     assert effect.needs
     assert effect.group in "ABCDEFG"
+
+
+def test_a_limit_is_approached_gently_or_cut_sharply() -> None:
+    u = np.linspace(-3.0, 3.0, 61)
+    change = input_saturation.change
+    signal = SimpleNamespace(values=u)
+    sharp, gentle, straightest = change(signal, np.array([[1.0, 300.0], [1.0, 2.0], [1.0, 1.0]]))
+    assert sharp == pytest.approx(np.clip(u, -1.0, 1.0), abs=3e-3)
+    assert gentle == pytest.approx(u / np.sqrt(1.0 + u**2))
+    assert straightest == pytest.approx(u / (1.0 + np.abs(u)))
+    assert np.isfinite(change(signal, np.array([[1e-12, 1e3], [1e12, 1e3]]))).all()
 
 
 def test_sizes_scale_with_the_unit_of_the_coordinate() -> None:

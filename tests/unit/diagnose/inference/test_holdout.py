@@ -63,6 +63,18 @@ def test_what_is_held_out_is_not_fitted_to(
         assert ((clips[:, 0] <= start) & (start + blocks.length[0] <= clips[:, 1])).sum() == 1
 
 
+def test_both_halves_see_what_acts_in_two_windows_alone(
+    made: tuple[EstimationProblem, HypothesisFit, HypothesisFit],
+) -> None:
+    one, none, _ = made
+    residual = none.fit.residual.copy()
+    residual[[0, 2]] *= 100.0
+    half, held = split_windows(one, replace(none, fit=replace(none.fit, residual=residual)))
+    rare = set(one.windows.first[[0, 2]].tolist())
+    assert len(rare & set(half.windows.first.tolist())) == 1
+    assert len(rare & set(held.first.tolist())) == 1
+
+
 def test_the_gap_is_that_of_its_blocks(made: tuple[EstimationProblem, HypothesisFit, HypothesisFit]) -> None:
     one, none, true = made
     held = forecast_holdout(one, none, true, given=one.rollout_model.model)

@@ -1,14 +1,21 @@
 """Evidence: against an integral that is known, and in the order that the truth demands."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
-from lagsplat.diagnose.inference.model_selection import continue_fit, score_test, try_candidate
+from lagsplat.diagnose.inference.model_selection import (
+    choose_windows,
+    continue_fit,
+    score_test,
+    try_candidate,
+)
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -87,6 +94,41 @@ def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) 
     found = continue_fit(dragged, try_candidate(dragged, (), [lead], starts=1))
     assert lead.placed.to_physical(found.fit.x[None, :1])[0, 0] == pytest.approx(0.25, rel=0.08)
     assert found.fit.misfit / dragged.degrees_of_freedom == pytest.approx(1.0, abs=0.15)
+
+
+def test_effects_are_tested_where_most_is_left_and_on_few_windows() -> None:
+    size = np.random.default_rng(0).permutation(40).astype(float)
+    fit = SimpleNamespace(residual=np.sqrt(size)[:, None, None] * np.ones((40, 5, 1)))
+    chosen = choose_windows(fit, np.full(40, 5))
+    assert len(chosen) == SELECTION.tested_windows
+    assert chosen.tolist() == sorted(set(chosen.tolist()))
+    assert {int(size.argmax()), int(size.argmin())} <= set(chosen.tolist())
+    few = SimpleNamespace(residual=fit.residual[:3])
+    assert choose_windows(few, np.full(3, 5)).tolist() == [0, 1, 2]
+
+
+def test_a_fit_that_was_tried_on_some_windows_ends_where_one_of_all_does(dragged: EstimationProblem) -> None:
+    none, some = none_of(dragged), np.array([0, 2, 5])
+    ends = []
+    for windows in (some, None):
+        lead = score_test(dragged, (), none.fit, offers(dragged), windows)[0]
+        assert lead.name == "quadratic_drag"
+        ends.append(continue_fit(dragged, try_candidate(dragged, (), [lead], starts=1, windows=windows)).fit)
+    assert ends[0].residual.shape == ends[1].residual.shape
+    assert ends[0].x[0] == pytest.approx(ends[1].x[0], rel=1e-3)
+    assert ends[0].misfit == pytest.approx(ends[1].misfit, rel=1e-3)
+
+
+def test_the_best_of_starts_beside_two_fits_is_kept(dragged: EstimationProblem) -> None:
+    moved = none_of(dragged).fit
+    still = dragged.with_nuisance(dragged.rollout_model.nuisance.freeze()).fit((), np.zeros(len(moved.x)))
+    bases = (moved, replace(still, x=np.zeros(len(moved.x))))
+    name = "cubic_stiffness"
+    rows = [score_test(dragged, (), base, offers(dragged)) for base in bases]
+    tests = [next(test for test in row if test.name == name) for row in rows]
+    alone = [try_candidate(dragged, (), [test], starts=1).fit.cost for test in tests]
+    assert alone[0] != alone[1]
+    assert try_candidate(dragged, (), tests, starts=2).fit.cost == min(alone)
 
 
 def test_evidence_is_the_integral_over_parameters_and_starts_where_all_is_linear() -> None:
