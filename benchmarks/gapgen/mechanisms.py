@@ -100,9 +100,12 @@ def damping_slots(kind: int, d: int) -> list[int]:
     """Positions of the damping coefficients in the parameters."""
     if kind == CHAIN:
         return list(range(1 + 4 * d, 1 + 5 * d))
-    slots = {ROCKER: [2], CART: [1], BAG: [4, 5], CART_POLE: [5, 6], ACROBOT: [8, 9], FURUTA: [7, 8]}
-    slots |= {SHIP_ROLL: [1, 2], BEAD_ON_HOOP: [1], ELASTIC_JOINT: [4, 5], QUARTER_CAR: [5, 6, 7]}
-    return (slots | {ROTATIONAL_ACTUATOR: [6, 7]})[kind]
+    slots = {
+        **{ROCKER: [2], CART: [1], BAG: [4, 5], CART_POLE: [5, 6], ACROBOT: [8, 9], FURUTA: [7, 8]},
+        **{SHIP_ROLL: [1, 2], BEAD_ON_HOOP: [1], ELASTIC_JOINT: [4, 5], QUARTER_CAR: [5, 6, 7]},
+        ROTATIONAL_ACTUATOR: [6, 7],
+    }
+    return slots[kind]
 
 
 @njit(cache=True)

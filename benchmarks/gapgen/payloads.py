@@ -27,8 +27,11 @@ def masses_of(m: Mechanism) -> list[int]:
     """Positions of masses and inertias in the parameters."""
     if m.kind == CHAIN:
         return [*range(1, 1 + m.d), *range(1 + 2 * m.d, 1 + 3 * m.d)]
-    slots = {ROCKER: [0], CART: [0], BAG: [0], CART_POLE: [0, 1], ACROBOT: [0, 1, 5, 6], FURUTA: [0, 1, 4]}
-    return (slots | {QUARTER_CAR: [0, 1]})[m.kind]
+    slots = {
+        **{ROCKER: [0], CART: [0], BAG: [0], CART_POLE: [0, 1], ACROBOT: [0, 1, 5, 6], FURUTA: [0, 1, 4]},
+        QUARTER_CAR: [0, 1],
+    }
+    return slots[m.kind]
 
 
 def with_payload(m: Mechanism, i: int, kg: float) -> Mechanism:

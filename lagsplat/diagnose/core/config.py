@@ -269,9 +269,7 @@ class TIME_ALIGNMENT:
     equal_period_error: float = 0.02  # relative difference of periods [1] that count as one
     min_input_samples: int = 32  # samples of a clip whose input may be periodic [count]
     max_input_samples: int = 20000  # samples at which an input is compared with itself, at most [count]
-    unlike: float = (
-        0.5  # square difference of two stretches, over that of unrelated ones, that is no likeness
-    )
+    unlike: float = 0.5  # square difference of stretches, over that of unrelated ones [1], without likeness
 
 
 # --- Residual

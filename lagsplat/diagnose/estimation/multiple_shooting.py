@@ -234,6 +234,13 @@ def _step(
     return None
 
 
+def measure_windows(
+    residual: Float64[np.ndarray, "W L d"], length: Int64[np.ndarray, " W"]
+) -> Float64[np.ndarray, " W"]:
+    """Mean square of the weighted residual of each window [noise variances]; ``length`` are its frames."""
+    return np.array([(row[:n] ** 2).mean() for row, n in zip(residual, length, strict=True)])
+
+
 def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
     """Samples that count as one: the two-sided sum of the autocorrelation to its first zero.
 

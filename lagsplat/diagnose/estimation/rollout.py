@@ -101,7 +101,7 @@ class RolloutModel:
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
         roll_out_batch(
-            self.model.basis.arrays,
+            model.basis.arrays,
             (*coefficients, model.width, model.rest),
             laws,
             along,

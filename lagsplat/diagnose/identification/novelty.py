@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from lagsplat.diagnose.core.config import NOVELTY
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.estimation.multiple_shooting import measure_windows
 from lagsplat.diagnose.identification.structure_search import IdentifiedModel
 
 
@@ -74,8 +75,7 @@ def drop_outlier_windows(
     if not identified.misfit > NOVELTY.poor_misfit or n < NOVELTY.min_windows:
         attempts = 0
     for _ in range(attempts):
-        windows_of_fit = zip(best.fit.residual, best.windows.length, strict=True)
-        misfits = [float((residual[:length] ** 2).mean()) for residual, length in windows_of_fit]
+        misfits = measure_windows(best.fit.residual, best.windows.length)
         worst = int(np.argmax(misfits))
         if best.misfit < NOVELTY.good_misfit or misfits[worst] < NOVELTY.outlier_ratio * np.median(misfits):
             break

@@ -13,7 +13,7 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
+from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time, measure_windows
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -159,8 +159,8 @@ def inflate_noise(
     The median over the windows counts: a push by hand in a few of them is no error of the law.
     """
     length = problem.windows.length
-    window_misfits = [(row[:n] ** 2).mean() for row, n in zip(best.fit.residual, length, strict=True)]
-    misfit = min(best.fit.misfit / problem.degrees_of_freedom, float(np.median(window_misfits)))
+    typical = float(np.median(measure_windows(best.fit.residual, length)))
+    misfit = min(best.fit.misfit / problem.degrees_of_freedom, typical)
     if misfit <= SELECTION.inflation_misfit * budget.nominal:
         return None
     correlation = compute_autocorrelation_time(best.fit.residual, length)

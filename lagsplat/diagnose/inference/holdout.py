@@ -33,9 +33,8 @@ def split_windows(problem: EstimationProblem, none: HypothesisFit) -> tuple[Esti
     Windows are dealt out in the order of what the sim alone, ``none``, leaves of them, so that both halves
     see as much of the gap: what acts in a few windows is fitted to some and forecast in others.
     """
-    length, residual = problem.windows.length, none.fit.residual
-    left = [(row[:n] ** 2).mean() for row, n in zip(residual, length, strict=True)]
-    held_out = np.zeros(len(length), dtype=bool)
+    left = shooting.measure_windows(none.fit.residual, problem.windows.length)
+    held_out = np.zeros(len(left), dtype=bool)
     held_out[np.argsort(left)[::-1][1::2]] = True
     return replace(problem, windows=problem.windows.select(~held_out)), problem.windows.select(held_out)
 

@@ -70,7 +70,7 @@ def choose_windows(fit: shooting.ShootingFit, length: Int64[np.ndarray, " W"]) -
 
     Those of which it leaves the most are among them: there an effect that acts rarely acts.
     """
-    left = np.array([(row[:n] ** 2).mean() for row, n in zip(fit.residual, length, strict=True)])
+    left = shooting.measure_windows(fit.residual, length)
     most = min(len(left), SELECTION.tested_windows)
     return np.sort(np.argsort(-left)[np.linspace(0, len(left) - 1, most).round().astype(np.int64)])
 
@@ -371,10 +371,10 @@ def try_candidate(
     every = base.starts.copy()
     every[windows] = fit.starts
     # derivatives by the effects are computed anew when the fit is continued
-    known, n = base.slopes[..., sum(placed.size for placed in effects) :], len(fit.x)
-    unknown = np.zeros((*known.shape[:2], n - known.shape[2]))
+    known, start_slopes = HypothesisFit(effects, base).nearby_slopes
+    unknown = np.zeros((*known.shape[:2], len(fit.x) - known.shape[2]))
     slopes = np.concatenate([unknown, known], axis=2)
-    return HypothesisFit(together, replace(fit, starts=every, slopes=slopes, start_slopes=base.start_slopes))
+    return HypothesisFit(together, replace(fit, starts=every, slopes=slopes, start_slopes=start_slopes))
 
 
 def continue_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:
