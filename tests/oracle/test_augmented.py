@@ -116,7 +116,9 @@ def moved() -> AugmentedSimulator:
         ("input_delay", [0.3]), ("coulomb_friction", [0.1]), ("creep", [0.2, 0.1]), ("time_offset", [-0.1])
     )
     size = one.nuisance.directions.shape[1]
-    spare = NuisanceParameters(0.01, 0.02, 0.03, np.array([0.5]), 0.04, 1, np.linspace(-0.1, 0.1, size)[None])
+    spare = NuisanceParameters(
+        0.01, 0.02, 0.03, 0.04, np.array([0.5]), 0.04, 1, np.linspace(-0.1, 0.1, size)[None]
+    )
     own = len(one.x) - one.nuisance.size
     return replace(one, nuisance=spare, x=np.concatenate([one.x[:own], [0.01, 0.1, -0.02, 0.3, 0.01, 0.5]]))
 

@@ -150,7 +150,7 @@ def rolled(
         np.zeros(1, np.int64),
         (0.0,),
     )
-    known = NuisanceParameters(1.0, 1.0, 1.0, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
+    known = NuisanceParameters(*[1.0] * 4, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
     bench = RolloutModel(model, record, known, steps, held, states[:, :d])
     whole = np.concatenate([x, np.zeros(known.size)])[None]
     y, v = bench.roll_out(effects, whole, states[windows.first][None], windows)
@@ -339,7 +339,7 @@ def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
     record = Dataset(
         time, states[:, :2], states[:, 2:], u, np.array([[0, 20]]), ("made",), np.zeros(1, np.int64), (0.0,)
     )
-    spare = NuisanceParameters(1.0, 1.0, 1.0, np.ones(2), 1.0, 1, np.zeros((0, 0)))
+    spare = NuisanceParameters(*[1.0] * 4, np.ones(2), 1.0, 1, np.zeros((0, 0)))
     bench = RolloutModel(model, record, spare, 2, False, states[:, :2])
     effects = [
         PlacedEffect(known["input_lag"], UNIT, channel=0),

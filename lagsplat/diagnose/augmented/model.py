@@ -24,11 +24,11 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 
-KIND, SCHEMA = "augmented", 2
+KIND, SCHEMA = "augmented", 3
 FIELDS = (*COEFFICIENT_FIELDS, "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
 REGION = ("q", "v", "u")
-NUISANCE = ("potential", "damping", "inputs", "warp", "n_u")
+NUISANCE = ("potential", "damping", "inputs", "inertia", "warp", "n_u")
 PLACE = ("variant", "channel", "input_name", "constants", "spared")
 SAMPLING = ("held", "step_s", "dt_s", "q_names", "u_names")
 
@@ -170,6 +170,6 @@ def _restore_effect(entry: Mapping[str, Any], path: str | os.PathLike[str]) -> P
         )
     along = entry["direction"]
     direction = along and Direction(**{**along, "covector": np.array(along["covector"], dtype=np.float64)})
-    where = {"spared": ()} | {name: entry[name] for name in PLACE if name in entry}  # older files lack it
+    where = {name: entry[name] for name in PLACE}
     where |= {name: tuple(where[name]) for name in ("constants", "spared")}
     return PlacedEffect(known[entry["name"]], Scales(**entry["scales"]), direction=direction or None, **where)

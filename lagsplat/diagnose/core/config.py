@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from lagsplat.setting_checks import require_least, require_positive, require_setting
 
-TOLERANCES = ("potential", "damping", "inputs", "offset", "warp")
+TOLERANCES = ("potential", "damping", "inputs", "inertia", "offset", "warp")
 """Settings that say how uncertain a simulator's own parameters are."""
 
 
@@ -46,9 +46,10 @@ class DiagnoseConfig:
     potential: float  # prior standard deviation of the simulator's potential, relative [1]
     damping: float  # prior standard deviation of its damping rate [natural angular frequencies]
     inputs: float  # prior standard deviation of each input gain, relative [1]
+    inertia: float  # prior standard deviation of the inertia along each of several coordinates, relative [1]
     offset: float  # prior standard deviation of a constant force [rms of the motion's acceleration]
     warp: float  # prior standard deviation of a smooth distortion of the coordinates [their range]
-    learned_factor: float  # factor on these five where the simulator was learned from a video [1]
+    learned_factor: float  # factor on these six where the simulator was learned from a video [1]
     reference_longest_s: float  # duration of a simulator's own recordings that is used, at most [s]
     materiality: float  # share of the gap that an effect must remove beyond a refit to be named [1]
 

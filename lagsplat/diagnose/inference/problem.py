@@ -211,6 +211,7 @@ def _build_problem(
         config.potential,
         config.damping * omega,
         config.inputs,
+        config.inertia,
         config.offset * force,
         config.warp,
         record.u.shape[1],

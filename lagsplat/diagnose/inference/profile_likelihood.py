@@ -57,6 +57,7 @@ def estimate_refit(
         ("stiffness and weight", "relative change"),
         ("damping rate", "1/s"),
         *((f"gain of {name}", "relative change") for name in u_names),
+        *((f"inertia along {name}", "relative change") for name in q_names if len(q_names) > 1),
         *((f"acceleration along {name}", "per s^2") for name in q_names),
     ]
     numbers = zip(moves, none.fit.x, spread, model.deviation, strict=False)

@@ -139,7 +139,7 @@ def bare(
 ) -> AugmentedSimulator:
     """A model as an augmented simulator to which nothing is added yet."""
     no_moves = np.zeros((0, flatten_coefficients(model).size))
-    nothing = NuisanceParameters(1.0, 1.0, 1.0, np.ones(model.d), 1.0, model.n_u, no_moves)
+    nothing = NuisanceParameters(*[1.0] * 4, np.ones(model.d), 1.0, model.n_u, no_moves)
     names = (tuple(f"{kind}{i}" for i in range(n)) for kind, n in (("q", model.d), ("u", model.n_u)))
     return AugmentedSimulator(
         model, nothing, (), np.zeros(nothing.size), False, step_s, dt_s, *names, region=region

@@ -11,11 +11,12 @@ from tests.unit.diagnose.toys import coupled
 def nuisance(n_directions: int = 2) -> NuisanceParameters:
     size = len(flatten_coefficients(coupled()))
     directions = np.random.default_rng(0).normal(size=(n_directions, size))
-    return NuisanceParameters(0.01, 0.02, 0.03, np.array([0.1, 0.2]), 0.05, 2, directions)
+    return NuisanceParameters(0.01, 0.02, 0.03, 0.04, np.array([0.1, 0.2]), 0.05, 2, directions)
 
 
 NAMES = (
-    *("potential", "damping", "input 0", "input 1", "offset 0", "offset 1", "warp 0", "warp 1"),
+    *("potential", "damping", "input 0", "input 1", "inertia 0", "inertia 1"),
+    *("offset 0", "offset 1", "warp 0", "warp 1"),
     *("identification 0", "identification 1"),
 )
 
@@ -27,6 +28,7 @@ def test_deviations_stand_in_the_order_of_the_fields() -> None:
     assert named["potential"] == 0.01
     assert named["damping"] == 0.02
     assert named["input 1"] == 0.03
+    assert named["inertia 0"] == 0.04
     assert named["offset 1"] == 0.2
     assert named["warp 0"] == 0.05
     assert named["identification 1"] == 1.0
@@ -59,6 +61,22 @@ def test_each_uncertainty_does_what_its_name_says() -> None:
     gained = known.change_coefficients(model, at("input 1", 0.1)).input_map[0]
     assert gained[:, 1] == pytest.approx(1.1 * model.input_map[:, 1])
     assert np.array_equal(gained[:, 0], model.input_map[:, 0])
+
+
+def test_the_inertia_along_one_coordinate_leaves_the_other_and_stays_positive() -> None:
+    known, model = nuisance(), coupled()
+    heavier = known.change_coefficients(model, at("inertia 0", 0.21)).mass[0]
+    assert heavier[:, 0, 0] == pytest.approx(1.21 * model.mass[:, 0, 0])
+    assert heavier[:, 0, 1] == pytest.approx(1.1 * model.mass[:, 0, 1])
+    assert np.array_equal(heavier[:, 1, 1], model.mass[:, 1, 1])
+    none_left = known.change_coefficients(model, at("inertia 0", -5.0)).mass[0]
+    assert np.linalg.eigvalsh(none_left[0])[0] > 0.0
+
+
+def test_one_coordinate_has_no_inertia_of_its_own_to_be_uncertain_about() -> None:
+    alone = NuisanceParameters(0.01, 0.02, 0.03, 0.04, np.array([0.1]), 0.05, 1, np.zeros((0, 0)))
+    assert alone.size == 5
+    assert 0.04 not in alone.deviation.tolist()
 
 
 def test_an_offset_is_a_constant_force_of_so_much_acceleration() -> None:
