@@ -28,6 +28,7 @@ from lagsplat.diagnose.imaging.rendering import (
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.error_budget import compute_stage_shares, forecast_positions
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
+from lagsplat.diagnose.simulators.fitted_run import convert_to_latents
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.io.recording.recording import Recording
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
@@ -114,9 +115,13 @@ class _BlockRenderer:
         return () if where is None else where.smoothed
 
     def draw(self, q: np.ndarray) -> np.ndarray:
-        """Render latents (T, d) as images (T, H, W, 3)."""
+        """Render states (T, d) as images (T, H, W, 3)."""
         fitted = self.recordings.run
-        return render_latents(fitted.autoencoder, fitted.chart, q)
+        return render_latents(fitted.autoencoder, fitted.chart, self.latents(q))
+
+    def latents(self, q: np.ndarray) -> np.ndarray:
+        """The whitened latents of states (T, d), which are in the coordinates of the law."""
+        return convert_to_latents(self.recordings.run.lagrangian, q)
 
     def render(self, blocks: Sequence[Block], most: int) -> RenderedBlocks:
         """Read and render at most so many frames of blocks."""
@@ -127,7 +132,7 @@ class _BlockRenderer:
         kept = choose_evenly(len(time_s), most)
         frames = read_frames(self.recording, find_nearest_frames(self.recording, time_s[kept]))
         images = (self.draw(q[kept]) for q in (sim, augmented, real))
-        return RenderedBlocks(real[kept], frames, *images)
+        return RenderedBlocks(self.latents(real[kept]), frames, *images)
 
     def image_gap(self, rendered: RenderedBlocks) -> dict[str, Any]:
         """Root mean square image errors: of rendering alone, of the sim's forecast, and with the effects."""
@@ -184,6 +189,7 @@ class _BlockRenderer:
         # a force too small to be detected is not known to be zero
         least = MIN_FORCE_SHARE * float(np.sqrt(np.mean(force**2)))
         covariance = estimate.covariance[at] + least**2 * np.eye(force.shape[1])
+        # at the latents' mean, the law's coordinates move as the latents do
         effect_of_force = body.jacobian / compute_rest_inertia(self.model)[None, :, None]
         reach = np.broadcast_to(effect_of_force, (len(at), *effect_of_force.shape))
         return localize_force(force, covariance, reach, estimate.v[at]), body
@@ -201,7 +207,7 @@ class _BlockRenderer:
         forces = np.zeros((len(place.explained), 2))
         for number, force in zip(place.near, place.forces, strict=True):
             forces[number] = force[main]
-        points = body.at(estimate.q[at[[main]]])[0]
+        points = body.at(self.latents(estimate.q[at[[main]]]))[0]
         return ImageForceMap(_to_bytes(frame), points, place.explained, forces, place.near, place.localisable)
 
     def film(self) -> VideoComparison:

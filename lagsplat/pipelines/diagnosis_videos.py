@@ -1,4 +1,4 @@
-"""A fitted run as the simulator, and the recordings it is compared with, in its whitened latents."""
+"""A fitted run as the simulator, and the recordings it is compared with, in the coordinates of its law."""
 
 import itertools
 import warnings
@@ -23,7 +23,7 @@ from lagsplat.diagnose.imaging.video_checks import (
     read_fitted_settings,
 )
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
-from lagsplat.diagnose.simulators.fitted_run import read_chart_trajectory
+from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.inputs import add_inputs
@@ -41,7 +41,7 @@ MOVED = (
 
 @dataclass(frozen=True)
 class RecordingPair:
-    """A run with its training part and the real recordings, all in its whitened latents.
+    """A run with its training part and the real recordings, all in the coordinates of its law.
 
     ``same_recording``: the real one is the held-out part of the very recording the run was fitted to.
     """
@@ -53,7 +53,7 @@ class RecordingPair:
 
     @property
     def real(self) -> tuple[Trajectory, ...]:
-        """The real trajectories in whitened latents."""
+        """The real trajectories in the coordinates of the law."""
         return tuple(recorded.motion for recorded in self.real_recordings)
 
     @cached_property
@@ -196,7 +196,7 @@ def open_recording_pair(
 
 
 def _read_own_part(run: FittedRun, *, held_out: bool) -> Trajectory:
-    return _rename_inputs(read_chart_trajectory(run.chart, held_out=held_out), run)
+    return _adopt(read_chart_trajectory(run.chart, held_out=held_out), run)
 
 
 def _read_trajectory(
@@ -206,7 +206,7 @@ def _read_trajectory(
     if source.kind == "trajectory":
         motion = read_trajectory(source.path, columns=columns)
         _check_latents(run, motion, source.path)
-        return RecordedTrajectory(_rename_inputs(motion, run))
+        return RecordedTrajectory(_adopt(motion, run))
     read = read_real_video(source, run.recording, read_fitted_settings(folder), dt_s=run.chart.dt_s)
     if read is None:
         return None
@@ -215,7 +215,7 @@ def _read_trajectory(
     findings += check_camera(shift, source=Path(source.path).name)
     latents = run.chart.encode(run.autoencoder, recording.frames)
     motion = make_video_trajectory(recording, latents, source=source.path)
-    return RecordedTrajectory(_rename_inputs(motion, run), recording, shift, tuple(findings))
+    return RecordedTrajectory(_adopt(motion, run), recording, shift, tuple(findings))
 
 
 def read_real_video(
@@ -302,8 +302,8 @@ def _check_latents(run: FittedRun, motion: Trajectory, source: str) -> None:
     _check_inputs(source, motion.n_u, n_u)
 
 
-def _rename_inputs(motion: Trajectory, run: FittedRun) -> Trajectory:
-    """Give the inputs the names of the run's inputs, as far as it has as many."""
+def _adopt(motion: Trajectory, run: FittedRun) -> Trajectory:
+    """A trajectory of latents in the coordinates of the run's law; inputs have the names of the run's."""
     names = run.recording.input_names
     renamed = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
-    return replace(motion, u_names=renamed)
+    return replace(motion, q=convert_to_law(run.lagrangian, motion.q), u_names=renamed)

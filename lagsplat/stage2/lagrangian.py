@@ -1,5 +1,6 @@
 """The latent Lagrangian: mass, damping, potential and actuation, its acceleration and its linear modes."""
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -232,6 +233,16 @@ class Lagrangian(nn.Module):
         ):
             raise TypeError("the terms of the law are no polynomials")
         return energy, mass, damping
+
+    def in_own_coordinates(self) -> "Lagrangian":
+        """The law over ``x = g(q)``, where its terms are polynomials; itself if it is over latents."""
+        if self.coordinates is None:
+            return self
+        law = copy.deepcopy(self)
+        with torch.no_grad():
+            law.rest.copy_(self.coordinates.evaluate(self.rest[None])[0][0])
+        law.coordinates = PolynomialMap(self.d, degree=1, ball=self.coordinates.ball)
+        return law
 
     def project(self) -> None:
         """Restore the sign constraints after an optimiser step."""

@@ -8,7 +8,12 @@ import torch
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
-from lagsplat.diagnose.simulators.fitted_run import project_run, read_chart_trajectory
+from lagsplat.diagnose.simulators.fitted_run import (
+    convert_to_latents,
+    convert_to_law,
+    project_run,
+    read_chart_trajectory,
+)
 from lagsplat.pipelines.apply_diagnosis import sample_simulator
 from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -31,22 +36,53 @@ def region(d: int, n_u: int) -> OperatingRegion:
 
 
 @torch.no_grad()
-def per_second(made: Lagrangian, where: OperatingRegion) -> np.ndarray:
-    """The Lagrangian's own acceleration, asked in its unit of time, in seconds."""
-    q, v, u = (torch.as_tensor(x) for x in (where.q, UNIT * where.v, where.u))
-    return made.acceleration(q, v, u).numpy() / UNIT**2
+def accelerate_per_second(made: Lagrangian, where: OperatingRegion) -> np.ndarray:
+    """The Lagrangian's own acceleration, asked over latents in its unit of time, over its coordinates in
+    seconds."""
+    x, w, u = (torch.as_tensor(values) for values in (where.q, UNIT * where.v, where.u))
+    if made.coordinates is None:
+        return made.acceleration(x, w, u).numpy() / UNIT**2
+    q, v = made.coordinates.pull(x, w)
+    jacobian = made.coordinates.evaluate(q)[1]
+    turned = (jacobian @ made.acceleration(q, v, u)[:, :, None])[:, :, 0]
+    return (turned + made.coordinates.measure_bending(q, v)).numpy() / UNIT**2
 
 
 @pytest.mark.parametrize(
-    ("d", "n_u", "terms"), [(1, 1, "networks"), (2, 2, "networks"), (2, 0, "networks"), (2, 1, "polynomial")]
+    ("d", "n_u", "terms", "allowed"),
+    [
+        (1, 1, "networks", 0.02),
+        (2, 2, "networks", 0.02),
+        (2, 0, "networks", 0.02),
+        (2, 1, "polynomial", 1e-6),
+        (4, 1, "polynomial", 1e-6),
+    ],
 )
-def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int, terms: str) -> None:
+def test_a_run_accelerates_as_its_lagrangian(d: int, n_u: int, terms: str, allowed: float) -> None:
     made, where = lagrangian(d, n_u, terms=terms), region(d, n_u)
     found = project_run(made, where, what="run")
-    truth = per_second(made, where)
-    wrong = found.model.acceleration(where.q, where.v, where.u) - truth
-    assert found.error < 0.02
-    assert np.sqrt(np.mean(wrong**2)) < 0.02 * np.sqrt(np.mean(truth**2))
+    truth = accelerate_per_second(made, where)
+    known = np.isfinite(truth).all(axis=1)  # where the random map of coordinates can be inverted
+    wrong = found.model.acceleration(where.q, where.v, where.u)[known] - truth[known]
+    assert found.error < allowed
+    assert known.mean() > 0.9
+    assert np.sqrt(np.mean(wrong**2)) < allowed * np.sqrt(np.mean(truth[known] ** 2))
+
+
+@pytest.mark.parametrize("terms", ["networks", "polynomial"])
+def test_latents_are_found_again_from_the_coordinates_of_the_law(terms: str) -> None:
+    made, q = lagrangian(2, 1, terms=terms), region(2, 1).q
+    x = convert_to_law(made, q)
+    assert (x is q) == (terms == "networks")
+    np.testing.assert_allclose(convert_to_latents(made, x), q, atol=1e-9)
+
+
+def test_states_at_which_polynomials_are_clipped_do_not_bend_the_model() -> None:
+    made, where = lagrangian(2, 1, terms="polynomial"), region(2, 1)
+    assert made.energy is not None
+    far = OperatingRegion(*(np.concatenate([part, part]) for part in (where.q, where.v, where.u)))
+    far.q[-len(where.q) // 4 :] *= 2.0 * float(made.energy.ball[-1])
+    assert project_run(made, far, what="run").error < 1e-6
 
 
 def test_a_run_is_found_by_its_folder_and_must_fit(tmp_path: Path) -> None:

@@ -97,10 +97,12 @@ class WindowSet:
 
     def subsample(self, frames: float) -> "WindowSet":
         """Evenly spaced windows with about ``frames`` frames in total; all windows if they have fewer."""
-        total, n = float(self.length.sum()), len(self.first)
-        if frames >= total:
-            return self
-        return self.select(np.unique(np.linspace(0, n - 1, max(round(n * frames / total), 4)).astype(int)))
+        return self.choose_evenly(max(round(len(self.first) * frames / float(self.length.sum())), 4))
+
+    def choose_evenly(self, most: int) -> "WindowSet":
+        """At most ``most`` windows, evenly spaced, the first and the last among them."""
+        n = len(self.first)
+        return self if most >= n else self.select(np.linspace(0, n - 1, most).astype(int))
 
 
 def locate_windows(windows: WindowSet, dataset: Dataset) -> tuple[FileSpan, ...]:
@@ -277,6 +279,10 @@ class OperatingRegion:
     def n_u(self) -> int:
         """Number of inputs."""
         return self.u.shape[1]
+
+    def select(self, chosen: np.ndarray) -> "OperatingRegion":
+        """The rows that ``chosen``, a mask or an index, selects."""
+        return OperatingRegion(self.q[chosen], self.v[chosen], self.u[chosen])
 
     @property
     def speed(self) -> Float64[np.ndarray, " d"]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.stats import chi2
 
-from lagsplat.diagnose.core.config import IDENTIFICATION, PROBLEM, DiagnoseConfig
+from lagsplat.diagnose.core.config import IDENTIFICATION, PROBLEM, SELECTION, DiagnoseConfig
 from lagsplat.diagnose.data_quality.discontinuities import find_repeated_samples
 from lagsplat.diagnose.data_quality.natural_period import (
     estimate_natural_period_s,
@@ -83,6 +83,10 @@ class EstimationProblem:
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""
         return self.windows.initial_states(self.rollout_model.smooth, self.dataset)
+
+    def shorten(self, longest_s: float) -> "EstimationProblem":
+        """The same on evenly spaced windows that last at most about ``longest_s`` together."""
+        return replace(self, windows=self.windows.subsample(longest_s / self.dataset.dt_s))
 
     def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
         """The same with other uncertainties of the sim."""
@@ -185,17 +189,23 @@ def build_problem(
     """
     scale = sim.window_scale
     problem = _build_problem(sim, real, config)
-    while problem.windows.longest > PROBLEM.min_window_frames:
-        still = np.zeros(problem.rollout_model.nuisance.size)
-        left = problem.fit((), still).misfit / problem.degrees_of_freedom
-        if left <= (1.0 - PROBLEM.min_explained_share) * problem.motionless_misfit:
-            break
+    while problem.windows.longest > PROBLEM.min_window_frames and not _follows_motion(problem):
         scale *= IDENTIFICATION.window_scales[0]
         shorter = _build_problem(replace(sim, window_scale=scale), real, config)
         if shorter.windows.longest >= problem.windows.longest:
             break
         problem = shorter
     return problem
+
+
+def _follows_motion(problem: EstimationProblem) -> bool:
+    """Whether the sim, refitted to evenly spaced windows, explains enough of the motion."""
+    part = replace(problem, windows=problem.windows.choose_evenly(SELECTION.tested_windows))
+    enough = (1.0 - PROBLEM.min_explained_share) * part.motionless_misfit * part.degrees_of_freedom
+    fit = replace(part, iterations=min(SELECTION.trial_iterations, part.iterations)).fit(
+        (), np.zeros(part.rollout_model.nuisance.size)
+    )
+    return fit.misfit <= enough or part.fit((), fit.x, fit.starts).misfit <= enough
 
 
 def _build_problem(
@@ -267,9 +277,7 @@ def calibrate_misfit(
     An error of a sim lasts for a part of a period, so many samples count as one. Of long recordings windows
     that last ``config.reference_longest_s`` together are used, evenly spread.
     """
-    problem = build_problem(sim, motions, config)
-    frames = config.reference_longest_s / problem.dataset.dt_s
-    return measure_misfit(sim, replace(problem, windows=problem.windows.subsample(frames)))
+    return measure_misfit(sim, build_problem(sim, motions, config).shorten(config.reference_longest_s))
 
 
 def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:

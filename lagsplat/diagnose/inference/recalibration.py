@@ -116,7 +116,7 @@ def recalibrate_simulator(
     """
     problem = build_problem(sim, motions, config)
     smooth, record = problem.rollout_model.smooth, problem.dataset
-    windows = problem.windows.subsample(2.0 * config.reference_longest_s / record.dt_s)
+    windows = problem.shorten(2.0 * config.reference_longest_s).windows
 
     def take_half(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)

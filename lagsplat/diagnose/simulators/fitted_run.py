@@ -1,10 +1,15 @@
-"""A simulator that is a fitted run: its Lagrangian over whitened latents, and the motion it was fitted to."""
+"""A simulator that is a fitted run: its Lagrangian, and the motion it was fitted to.
+
+A polynomial law is simple in coordinates ``x = g(q)`` of its own; in the latents ``q`` its terms have a far
+higher degree. So it is diagnosed over ``x``, and any other law over the latents.
+"""
 
 from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 import torch
+from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -12,21 +17,46 @@ from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedMod
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.stage2.lagrangian import Lagrangian
 
+MIN_INSIDE = 0.5  # share of a region within the data of the fit, from which the rest is left out
 BATCH_SIZE = 256  # points that the networks evaluate at once, which bounds their memory
 
 
+@torch.no_grad()
+def convert_to_law(lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
+    """The coordinates of the law at whitened latents."""
+    found = lagrangian.coordinates
+    return q if found is None else found.evaluate(torch.as_tensor(q))[0].numpy()
+
+
+@torch.no_grad()
+def convert_to_latents(lagrangian: Lagrangian, x: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
+    """The whitened latents at coordinates of the law; NaN where no latents have them."""
+    found = lagrangian.coordinates
+    return x if found is None else found.invert(torch.as_tensor(x)).numpy()
+
+
 def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -> ProjectedModel:
-    """The model of a fitted Lagrangian over a region of whitened latents, with time in seconds.
+    """The model of a fitted Lagrangian over a region of its coordinates, with time in seconds.
+
+    A polynomial law is fitted exactly, where its polynomials are not clipped.
 
     Raises:
-        ValueError: the region has other numbers of latents or inputs.
+        ValueError: the region has other numbers of coordinates or inputs.
     """
     if (lagrangian.d, lagrangian.n_inputs) != (region.d, region.n_u):
         raise ValueError(
             f"{what}: the run has {lagrangian.d} latent(s) and {lagrangian.n_inputs} input(s), but the "
             f"recording {region.d} and {region.n_u}; encode the recording with this run's own autoencoder"
         )
-    return project_fields(make_run_fields(lagrangian, region), region, what=what)
+    law, max_degree = lagrangian.in_own_coordinates(), None
+    if law.energy is not None:
+        degrees, ball = law.form.degrees, law.energy.ball.numpy()
+        max_degree = max(degrees.potential, degrees.inputs, 2 * degrees.matrices)
+        inside = np.linalg.norm(region.q - ball[:-1], axis=1) < ball[-1]
+        # a recording that is nearly all outside is beyond what the run was fitted to, and reported as such
+        if inside.mean() > MIN_INSIDE:
+            region = region.select(inside)
+    return project_fields(make_run_fields(law, region), region, what=what, max_degree=max_degree)
 
 
 def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFunctions:

@@ -63,10 +63,12 @@ class ProjectedModel:
     error: float  # root mean square error of its acceleration, relative to that of the acceleration itself
 
 
-def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: str) -> ProjectedModel:
+def project_fields(
+    mechanics: FieldFunctions, region: OperatingRegion, *, what: str, max_degree: int | None = None
+) -> ProjectedModel:
     """The model of a simulator whose mass, potential, damping and input map are given.
 
-    ``what`` names it in messages.
+    ``what`` names it in messages, ``max_degree`` is the highest degree of its polynomials.
 
     Raises:
         ValueError: a field is not finite in the region, or the mass matrix is not positive there.
@@ -77,7 +79,8 @@ def project_fields(mechanics: FieldFunctions, region: OperatingRegion, *, what: 
         model = fit_fields(samples, basis)
         return ProjectedModel(model, compute_acceleration_error(model, region, samples.acceleration))
 
-    return choose_projection(project, region, max_degree=MAX_DEGREE.get(region.d, 3), what=what)
+    max_degree = MAX_DEGREE.get(region.d, 3) if max_degree is None else max_degree
+    return choose_projection(project, region, max_degree=max_degree, what=what)
 
 
 def choose_projection(
