@@ -15,7 +15,21 @@ USUAL = {
     "t": ("t", "time", "timestamp", "stamp", "sec", "seconds", "zeit"),
     "q": ("q", "pos", "position", "angle", "theta", "phi", "x", "y", "disp", "displacement", "qpos"),
     "v": ("v", "vel", "velocity", "omega", "rate", "speed", "qvel", "dq", "dtheta"),
-    "u": ("u", "tau", "torque", "force", "input", "cmd", "command", "ctrl", "pressure", "p", "voltage"),
+    "u": (
+        "u",
+        "tau",
+        "torque",
+        "force",
+        "input",
+        "cmd",
+        "command",
+        "ctrl",
+        "pressure",
+        "p",
+        "voltage",
+        "action",
+        "actions",
+    ),
     "segment": ("segment", "clip", "trial", "episode", "release", "run"),
 }
 """Names of such columns in other tools: used to propose a setting, never to read a column."""
@@ -113,8 +127,8 @@ def _is_standard(name: str) -> bool:
     return name in (TIME, SEGMENT) or re.fullmatch(f"[quv]{NUMBER}", name) is not None
 
 
-def _proposal(found: list[str]) -> str:
-    """The most likely setting that would read this file, judged by its column names."""
+def propose_names(found: Sequence[str]) -> dict[str, str]:
+    """The standard names that columns most likely have, judged by their own names."""
     proposed: dict[str, str] = {}
     for name in found:
         kind = _kind_of(name)
@@ -122,6 +136,12 @@ def _proposal(found: list[str]) -> str:
             proposed.setdefault(kind, name)
         elif kind:
             proposed[f"{kind}{sum(key.startswith(kind) for key in proposed)}"] = name
+    return proposed
+
+
+def _proposal(found: list[str]) -> str:
+    """The most likely setting that would read this file."""
+    proposed = propose_names(found)
     if TIME not in proposed or "q0" not in proposed:
         return "Name them with diagnose.columns={t: NAME, q0: NAME, u0: NAME}"
     pairs = ", ".join(f"{key}: {name}" for key, name in proposed.items())

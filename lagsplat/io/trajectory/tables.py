@@ -10,15 +10,18 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from lagsplat.io.trajectory.columns import TIME, Table, list_arrays, refuse_twins
+from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES, read_hdf5
 from lagsplat.io.trajectory.text import read_text
 
-KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz", ".mat")
+KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz", ".mat", *HDF5_SUFFIXES)
 
 
-def read_table(path: Path) -> Table:
-    """Read CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``), NPZ or MATLAB (``.mat``).
+def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
+    """Read CSV (``.csv``, ``.txt``, ``.tsv``), Parquet (``.parquet``, ``.pq``), NPZ, MATLAB or HDF5.
 
-    In NPZ and MATLAB an array ``q``, ``v`` or ``u`` of shape (T, k) gives columns ``q0`` to ``q{k-1}``.
+    In NPZ, MATLAB (``.mat``) and HDF5 an array ``q``, ``v`` or ``u`` of shape (T, k) gives columns ``q0`` to
+    ``q{k-1}``. Of ``columns``, as in `name_columns`, HDF5 (``.h5``, ``.hdf5``) needs the time, which tells
+    the rows.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
@@ -33,6 +36,8 @@ def read_table(path: Path) -> Table:
         table = _from_archive(path)
     elif kind == ".mat":
         table = _from_matlab(path)
+    elif kind in HDF5_SUFFIXES:
+        table = read_hdf5(path, columns or {})
     elif kind in (".parquet", ".pq"):
         table = _from_parquet(path)
     else:

@@ -151,7 +151,7 @@ class Trajectory:
 def read_trajectory_file(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> Trajectory:
-    """Read the trajectory in a CSV, Parquet, NPZ or MATLAB file.
+    """Read the trajectory in a CSV, Parquet, NPZ, MATLAB or HDF5 file.
 
     ``columns`` maps standard names to the file's own, ``{"t": "time", "q0": "position", "u0": "torque"}``;
     columns with standard names need no entry. A text file may have a byte-order mark, ``#`` comments, spaces
@@ -167,7 +167,7 @@ def read_trajectory_file(
             inside a clip; the message names the row.
     """
     path = Path(path)
-    return make_trajectory(name_columns(read_table(path), columns or {}), source=path.name)
+    return make_trajectory(name_columns(read_table(path, columns), columns or {}), source=path.name)
 
 
 def make_trajectory(table: Table, *, source: str) -> Trajectory:
