@@ -268,7 +268,11 @@ def _find_targets(
     own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
     for q_name in motion.q_names:
         aimed = re.compile(TARGET_NAME.format(re.escape(own[q_name])))
-        found |= {u_name: q_name for u_name in motion.u_names if aimed.fullmatch(own[u_name])}
+        # an action of a LeRobot dataset has the name of the state that it is the target of
+        named = (
+            u_name for u_name in motion.u_names if own[u_name] == own[q_name] or aimed.fullmatch(own[u_name])
+        )
+        found |= dict.fromkeys(named, q_name)
     return {**found, **config.targets}
 
 
