@@ -3,8 +3,8 @@
 The rule, in order:
 
 1. The setting ``joint_unit``.
-2. LeRobot's robots before its version 0.2 (`DEGREE_ROBOTS`) write degrees.
-3. Its later robots (`SCALED_ROBOTS`) write degrees, or per cent of each joint's range from -100 to 100, as
+2. LeRobot's first types of robot (`DEGREE_ROBOTS`) write degrees.
+3. Its later types (`SCALED_ROBOTS`) write degrees, or per cent of each joint's range from -100 to 100, as
    their owner chose. Only degrees exceed 100; where nothing does, the user must say.
 4. Other robots: radians if no state exceeds a turn; otherwise the user must say.
 
