@@ -42,7 +42,7 @@ PathLike = str | os.PathLike[str]
 
 
 def reading_overrides(path: Path) -> list[str]:
-    """How a file is read by default: an archive by its pressures, a log by its topics, else as a video."""
+    """How a file is read by default: an archive by its pressures, a log as one, else as a video."""
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
@@ -58,8 +58,7 @@ def reading_overrides(path: Path) -> list[str]:
 
 
 def read_recording(path: PathLike, *overrides: str) -> Recording:
-    """Read a video, a folder of images, an archive, an MCAP log, a LeRobot dataset or a
-    ``recording.safetensors``.
+    """Read a video, images, an archive, an MCAP log, a LeRobot dataset or a ``recording.safetensors``.
 
     Args:
         path: The file or folder.
