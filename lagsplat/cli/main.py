@@ -34,7 +34,7 @@ class Verb:
 CONFIGURATION = ("KEY=VALUE", "any key of conf/, in Hydra's grammar: stage1.steps=9000 system=rainbow_rocker")
 VERBS = {
     "inspect": Verb(
-        summary="Describe a recording, a video or a log, and how to read it.",
+        summary="Describe a recording, a video, a log or a LeRobot dataset, and how to read it.",
         usage=("FILE|FOLDER [key=value ...]",),
         keys=(CONFIGURATION,),
         example="lagsplat inspect pendulum.mp4",
@@ -76,9 +76,9 @@ VERBS = {
             ("", "A .py file runs as a program of yours: name none that you would not run"),
             (
                 "real=FILES",
-                "trajectories (CSV, Parquet, NPZ, MAT, MCAP) or a recording; held_out for a run's own;",
+                "trajectories (CSV, Parquet, NPZ, MAT, HDF5, MCAP), a LeRobot dataset or a recording;",
             ),
-            ("", "required"),
+            ("", "held_out for a run's own; required"),
             ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.film_d=2: two coordinates"),
         ),

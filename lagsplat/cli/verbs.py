@@ -18,23 +18,24 @@ AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
 
 
 def inspect(given: Namespace) -> None:
-    """Print what a recording, a video or a log holds."""
+    """Print what a recording, a video, a log, a LeRobot dataset or an HDF5 file holds."""
     words = given.words
     if not words or "=" in words[0]:
         raise CommandError("name a file: lagsplat inspect FILE, or a folder of videos or images")
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    from lagsplat.io.mcap.recording import survey_mcap
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
     from lagsplat.io.recording.segments import split_train_held_out
     from lagsplat.pipelines.steps import reading_overrides
     from lagsplat.report import inspection
 
-    if path.suffix == ".mcap":
-        print(inspection.describe_mcap(survey_mcap(path)))
-        if not any(word.startswith("recording.mcap.camera=") for word in words):
+    survey = _survey_log(path)
+    if survey:
+        print(survey)
+        cameras = ("recording.mcap.camera=", "recording.lerobot.camera=")
+        if not any(word.startswith(cameras) for word in words):
             return
         print()
     experiment = compose(*reading_overrides(path), *words[1:])
@@ -52,6 +53,27 @@ def inspect(given: Namespace) -> None:
                 print(f"warning    {text}")
         if experiment.recording.kind == "video":
             print(inspection.propose_system(recording, path=path, settings=experiment.recording))
+
+
+def _survey_log(path: Path) -> str:
+    """Describe what may be read of a log; empty if the file or folder is none."""
+    from lagsplat.io.lerobot.dataset import is_lerobot
+    from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES
+    from lagsplat.report import inspection, inspection_datasets
+
+    if is_lerobot(path):
+        from lagsplat.io.lerobot.survey import survey_lerobot
+
+        return inspection_datasets.describe_lerobot(survey_lerobot(path))
+    if path.suffix.lower() in HDF5_SUFFIXES:
+        from lagsplat.io.trajectory.hdf5 import survey_hdf5
+
+        return inspection_datasets.describe_hdf5(survey_hdf5(path))
+    if path.suffix == ".mcap":
+        from lagsplat.io.mcap.recording import survey_mcap
+
+        return inspection.describe_mcap(survey_mcap(path))
+    return ""
 
 
 def fit(given: Namespace) -> None:

@@ -2,8 +2,9 @@
 
 ``kind`` chooses the source: ``simulated`` (drawn by ``lagsplat.systems``; every field except ``split`` is
 unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``), ``video`` (any video OpenCV can open, or
-images) or ``mcap`` (a robot's log with a camera, see `McapConfig`). ``path`` is the user's file or folder. A
-Krauss recording without ``path`` is downloaded from ``archive``.
+images), ``mcap`` (a robot's log with a camera, see `McapConfig`) or ``lerobot`` (a dataset of LeRobot, see
+`LerobotConfig`). ``path`` is the user's file or folder. A Krauss recording without ``path`` is downloaded
+from ``archive``.
 """
 
 import re
@@ -11,9 +12,10 @@ from dataclasses import dataclass
 
 from lagsplat.setting_checks import require_least, require_positive, require_setting
 
-KINDS = ("simulated", "krauss", "video", "mcap")
+KINDS = ("simulated", "krauss", "video", "mcap", "lerobot")
 TURNS = (0, 90, 180, 270)
 CLOCKS = ("header", "log")
+JOINT_UNITS = ("degree", "radian", "as_written")
 FIELD_PATH = re.compile(r"[^.\[\]]+(\[[^\[\]]+\])*(\.[^.\[\]]+(\[[^\[\]]+\])*)*")
 
 
@@ -94,6 +96,27 @@ class McapConfig:
 
 
 @dataclass  # not frozen, for the same reason
+class LerobotConfig:
+    """How to read a recording from a LeRobot dataset."""
+
+    camera: str | None  # feature of the pictures, null if the recording is no LeRobot dataset
+    inputs: list[str]  # features, action for all its numbers, or single numbers, action.elbow_flex.pos
+    episodes: list[int] | None  # null for all
+    joint_unit: str | None  # one of `JOINT_UNITS`; null decides by a rule (`lagsplat.io.lerobot.units`)
+
+    def __post_init__(self) -> None:
+        unit, named = self.joint_unit, len(set(self.inputs)) == len(self.inputs) and all(self.inputs)
+        require_joint_unit("recording.lerobot.joint_unit", unit)
+        require_setting("recording.lerobot.inputs", self.inputs, named, "must each be given once, by a name")
+
+
+def require_joint_unit(name: str, unit: str | None) -> None:
+    """Raise a ValueError unless the setting ``name`` is one of `JOINT_UNITS` or None."""
+    rule = f"must be one of {', '.join(JOINT_UNITS)}, or null"
+    require_setting(name, unit, unit is None or unit in JOINT_UNITS, rule)
+
+
+@dataclass  # not frozen, for the same reason
 class RecordingConfig:
     """One recording: the kind of source, its file, and the part to keep."""
 
@@ -114,6 +137,7 @@ class RecordingConfig:
     width: int | None
     split: SplitConfig
     mcap: McapConfig | None  # topics of an MCAP file; its inputs replace n_inputs
+    lerobot: LerobotConfig | None = None  # camera of a LeRobot dataset; its inputs replace n_inputs
 
     def __post_init__(self) -> None:
         self._check_kind()
@@ -154,3 +178,7 @@ class RecordingConfig:
             rule = "must name the topic of the pictures; `lagsplat inspect FILE.mcap` lists them"
             camera = None if self.mcap is None else self.mcap.camera
             require_setting("recording.mcap.camera", camera, camera is not None, rule)
+        if self.kind == "lerobot":
+            rule = "is for films alone; set it to false"
+            require_setting("recording.stabilise", True, not self.stabilise, rule)
+            require_setting("recording.lerobot", None, self.lerobot is not None, "must name the camera")

@@ -1,13 +1,16 @@
-"""Read a recording from its settings, or a trajectory from a table or a session's MCAP file."""
+"""Read a recording from its settings, or a trajectory from a table, a LeRobot dataset or a session's MCAP."""
 
 import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from lagsplat.io.config import RecordingConfig
+from lagsplat.io.config import RecordingConfig, require_joint_unit
 from lagsplat.io.files.download import fetch_member
 from lagsplat.io.krauss import read_krauss_npz
+from lagsplat.io.lerobot.dataset import is_lerobot
+from lagsplat.io.lerobot.recording import read_lerobot
+from lagsplat.io.lerobot.trajectory import read_lerobot_trajectory
 from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.mcap.write import read_session_motion
 from lagsplat.io.recording.recording import Recording
@@ -28,8 +31,9 @@ def read_recording(config: RecordingConfig) -> Recording:
     """
     if config.kind == "krauss":
         recording = _read_krauss(config)
-    elif config.kind not in ("video", "mcap"):
-        raise ValueError(f"recording.kind is {config.kind!r}; only krauss, video, mcap are read from a file")
+    elif config.kind not in ("video", "mcap", "lerobot"):
+        kinds = "krauss, video, mcap, lerobot"
+        raise ValueError(f"recording.kind is {config.kind!r}; only {kinds} are read from a file")
     elif config.path is None:
         raise ValueError("recording.path is null; name the film or the log with recording.path=FILE")
     elif config.n_inputs and config.kind == "video":
@@ -48,6 +52,9 @@ def read_recording(config: RecordingConfig) -> Recording:
         path = Path(config.path).expanduser()
         if config.kind == "video":
             recording = read_video(path, settings)
+        elif config.kind == "lerobot":
+            assert config.lerobot is not None, "the configuration requires it of this kind"
+            recording = read_lerobot(path, config.lerobot, settings)
         else:
             assert config.mcap is not None, "the configuration requires it of this kind"
             recording = read_mcap(path, config.mcap, settings)
@@ -71,10 +78,17 @@ def _read_krauss(config: RecordingConfig) -> Recording:
     return replace(recording, meta={**recording.meta, "licence": archive.licence, "source": archive.url})
 
 
-def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
-    """Read a trajectory from CSV, Parquet, NPZ or MATLAB, or from a session's MCAP.
+def read_trajectory(
+    path: str | os.PathLike[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    joint_unit: str | None = None,
+) -> Trajectory:
+    """Read a trajectory from CSV, Parquet, NPZ, MATLAB, HDF5, a LeRobot dataset, or a session's MCAP.
 
-    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`.
+    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`. ``joint_unit``,
+    ``degree``, ``radian`` or ``as_written``, is that of the joints in a LeRobot dataset, as in
+    `read_lerobot_trajectory`; other files are read as they are.
 
     Example:
         >>> import lagsplat
@@ -84,4 +98,7 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] 
     """
     if os.fspath(path).lower().endswith(".mcap"):
         return read_session_motion(path)
+    if is_lerobot(path):
+        require_joint_unit("joint_unit", joint_unit)
+        return read_lerobot_trajectory(path, columns=columns, joint_unit=joint_unit)
     return read_trajectory_file(path, columns=columns)

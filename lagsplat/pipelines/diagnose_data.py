@@ -91,8 +91,8 @@ def diagnose(
         sim: The simulator: its trajectories, a MuJoCo ``.xml``, ``"file.py:attribute"``, the folder of a
             fitted run, or a film, to which a run is fitted first (``film_d=2`` for two coordinates) and kept.
             A ``.py`` file is a program of yours, and runs. Trajectories are files (CSV, Parquet, NPZ, MAT,
-            MCAP), DataFrames or mappings with columns ``t`` [s], ``q0, q1, ...`` and inputs ``u0, ...``; or
-            ``t`` (T,), ``q`` (T, d) and ``u`` (T, n_u).
+            HDF5, MCAP), LeRobot datasets, DataFrames or mappings with columns ``t`` [s], ``q0, q1, ...`` and
+            inputs ``u0, ...``; or ``t`` (T,), ``q`` (T, d) and ``u`` (T, n_u).
             An array (T, 1 + d) holds time and coordinates; a mechanism with inputs needs named columns.
         real: Trajectories of the real mechanism, likewise; films where the sim is a film or a run.
         out: Folder for ``diagnosis.json``, ``report.html`` and the augmented simulator; without it nothing

@@ -27,7 +27,13 @@ from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
 from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
-from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, read_sources
+from lagsplat.diagnose.simulators.sources import (
+    VIDEO_KINDS,
+    DataSource,
+    adopt_names,
+    find_sources,
+    read_sources,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 
@@ -169,9 +175,11 @@ def _read_sides(
         of_videos = [finding for each in recordings.real_recordings for finding in each.findings]
         checked = replace(checked, findings=(*of_film, *of_videos, *checked.findings))
     else:  # samples of a video belong to its frames, so they are kept
-        motions = read_sources(find_sources(real), columns=config.columns)
+        columns, joint_unit = config.columns, config.joint_unit
+        motions = read_sources(find_sources(real), columns=columns, joint_unit=joint_unit)
         if not models:
-            nominal = read_sources(sims, columns=config.columns)
+            nominal = read_sources(sims, columns=columns, joint_unit=joint_unit)
+            motions = adopt_names(motions, nominal)
         checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
     show_checks(checked)
     return _Sides(sim, models, nominal, recordings, checked)
@@ -260,7 +268,11 @@ def _find_targets(
     own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
     for q_name in motion.q_names:
         aimed = re.compile(TARGET_NAME.format(re.escape(own[q_name])))
-        found |= {u_name: q_name for u_name in motion.u_names if aimed.fullmatch(own[u_name])}
+        # an action of a LeRobot dataset has the name of the state that it is the target of
+        named = (
+            u_name for u_name in motion.u_names if own[u_name] == own[q_name] or aimed.fullmatch(own[u_name])
+        )
+        found |= dict.fromkeys(named, q_name)
     return {**found, **config.targets}
 
 

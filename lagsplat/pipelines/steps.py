@@ -24,6 +24,7 @@ from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
+from lagsplat.io.lerobot.dataset import is_lerobot
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
@@ -41,12 +42,14 @@ PathLike = str | os.PathLike[str]
 
 
 def reading_overrides(path: Path) -> list[str]:
-    """How a file is read by default: an archive by its pressures, a log by its topics, else as a video."""
+    """How a file is read by default: an archive by its pressures, a log as one, else as a video."""
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
     if path.suffix == ".mcap":
         return [*source, "recording.kind=mcap"]
+    if is_lerobot(path):
+        return [*source, "recording.kind=lerobot"]
     if path.suffix != ".npz":
         return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
     names = zipfile.ZipFile(path).namelist() if zipfile.is_zipfile(path) else []
@@ -55,7 +58,7 @@ def reading_overrides(path: Path) -> list[str]:
 
 
 def read_recording(path: PathLike, *overrides: str) -> Recording:
-    """Read a video, a folder of images, an archive, an MCAP log or a ``recording.safetensors``.
+    """Read a video, images, an archive, an MCAP log, a LeRobot dataset or a ``recording.safetensors``.
 
     Args:
         path: The file or folder.

@@ -281,6 +281,10 @@ def files_of(overrides: Overrides, **choices: str) -> list[str]:
 def _list_files(recording: RecordingConfig) -> list[str]:
     if recording.path is None:
         return []
+    if recording.kind == "lerobot":
+        suffixes = (".json", ".jsonl", ".parquet", ".mp4")
+        files = sorted(Path(recording.path).expanduser().rglob("*"))
+        return [str(file) for file in files if file.suffix in suffixes] or [recording.path]
     if recording.kind != "video":
         return [str(Path(recording.path).expanduser())]
     try:

@@ -177,12 +177,12 @@ def suggest_overrides(survey: McapSurvey) -> list[str]:
             "name": name if names.count(name) == 1 else _make_name(f"{topic.name}.{path}"),
             "unit": next((UNITS[part] for part in reversed(parts) if part in UNITS), "unknown"),
         }
-        inputs.append("{" + ", ".join(f"{key}: {_quote(value)}" for key, value in values.items()) + "}")
+        inputs.append("{" + ", ".join(f"{key}: {quote(value)}" for key, value in values.items()) + "}")
     return [
         "recording=filmed",
-        f"recording.path={_quote(str(survey.path))}",
+        f"recording.path={quote(str(survey.path))}",
         "recording.kind=mcap",
-        f"recording.mcap.camera={_quote(camera.name)}",
+        f"recording.mcap.camera={quote(camera.name)}",
         f"recording.mcap.clock={'header' if stamped else 'log'}",
         f"recording.mcap.inputs=[{', '.join(inputs)}]",
     ]
@@ -192,8 +192,8 @@ def _make_name(path: str) -> str:
     return re.sub(r"\W+", "_", path).strip("_")
 
 
-def _quote(text: str) -> str:
-    """Quote as the grammar of Hydra requires: brackets and spaces need quotes."""
+def quote(text: str) -> str:
+    """Quote a value as the grammar of Hydra requires: brackets and spaces need quotes."""
     plain = re.fullmatch(r"[\w/.-]+( [\w/.-]+)*", text, re.ASCII)
     return text if plain else '"' + text.replace('"', '\\"') + '"'
 

@@ -13,6 +13,7 @@ values may have been chosen with a spent split in view.
 
 from dataclasses import dataclass, replace
 
+from lagsplat.io.config import require_joint_unit
 from lagsplat.setting_checks import require_least, require_positive, require_setting
 
 TOLERANCES = ("potential", "damping", "inputs", "inertia", "offset", "warp")
@@ -25,6 +26,7 @@ class DiagnoseConfig:
 
     input_hold: str  # inputs between samples: `linear` or `zoh` (zero-order hold)
     columns: dict[str, str]  # columns of a table that have other names: `{t: time, q0: angle, u0: torque}`
+    joint_unit: str | None  # of joints in a LeRobot dataset: degree, radian, as_written; None by a rule
     joints: list[str] | None  # joints of a MuJoCo model that are the coordinates; None for all
     actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
     max_coupled: int  # joints of a MuJoCo model above which each is diagnosed by itself, if driven so [count]
@@ -57,6 +59,7 @@ class DiagnoseConfig:
         hold = self.input_hold
         rule = "must be linear or zoh (held between samples)"
         require_setting("diagnose.input_hold", hold, hold in ("linear", "zoh"), rule)
+        require_joint_unit("diagnose.joint_unit", self.joint_unit)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
         counts = (

@@ -2,21 +2,32 @@
 
 import csv
 import re
+import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from lagsplat.io.files.artifact import read_header
+from lagsplat.io.lerobot.dataset import is_lerobot
 from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
-TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".mat")  # suffixes of trajectory files that are tables
+TABLES = (
+    ".csv",
+    ".txt",
+    ".tsv",
+    ".parquet",
+    ".pq",
+    ".mat",
+    ".h5",
+    ".hdf5",
+)  # suffixes of trajectory files that are tables
 VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")  # hold frames, and need an encoder
 PYTHON_OBJECT = r"([A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*"  # module:attribute or file.py:attribute
@@ -34,10 +45,10 @@ class DataSource:
 def find_sources(argument: str) -> tuple[DataSource, ...]:
     """Find what ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` names.
 
-    A folder is a fitted run if it holds ``dynamics.safetensors``, a video if it holds images, and otherwise
-    stands for all readable files in it, in natural order of their names. A table with the stem of a video
-    beside it holds that video's inputs and is no trajectory. The kind of an archive or artefact is read from
-    its content.
+    A folder is a fitted run if it holds ``dynamics.safetensors``, a trajectory if it is a LeRobot dataset, a
+    video if it holds images, and otherwise stands for all readable files in it, in natural order of their
+    names. A table with the stem of a video beside it holds that video's inputs and is no trajectory. The kind
+    of an archive or artefact is read from its content.
 
     Raises:
         FileNotFoundError: nothing is there, or nothing matches.
@@ -64,9 +75,12 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
 
 
 def read_sources(
-    sources: Sequence[DataSource], *, columns: Mapping[str, str] | None = None
+    sources: Sequence[DataSource],
+    *,
+    columns: Mapping[str, str] | None = None,
+    joint_unit: str | None = None,
 ) -> tuple[Trajectory, ...]:
-    """Read tables and sessions of the viewer.
+    """Read tables, LeRobot datasets and sessions of the viewer, as `read_trajectory` does.
 
     Raises:
         ValueError: a source is a model or a video, or a file is unreadable.
@@ -79,7 +93,34 @@ def read_sources(
             )
         if source.kind != "trajectory":
             raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
-    return tuple(read_trajectory(source.path, columns=columns) for source in sources)
+    return tuple(read_trajectory(source.path, columns=columns, joint_unit=joint_unit) for source in sources)
+
+
+def adopt_names(motions: Sequence[Trajectory], sims: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
+    """Give joints that have names of their own the names ``q0, ...`` of the sim's tables, in their order.
+
+    Inputs likewise. Trajectories of other numbers of coordinates or inputs keep their names, and so do all
+    where the sim's names are no standard ones; a warning lists the pairs.
+    """
+    if not sims:
+        return tuple(motions)
+    adopted, names = [], (sims[0].q_names, sims[0].u_names)
+    standard = tuple(
+        tuple(f"{letter}{i}" for i in range(len(own))) for letter, own in zip("qu", names, strict=True)
+    )
+    for motion in motions:
+        own = (motion.q_names, motion.u_names)
+        if (
+            names == standard
+            and own != names
+            and [len(each) for each in own] == [len(each) for each in names]
+        ):
+            pairs = zip((*names[0], *names[1]), (*own[0], *own[1]), strict=True)
+            listed = ", ".join(f"{theirs} is {ours}" for theirs, ours in pairs)
+            warnings.warn(f"{motion.source}: by its place among the sim's columns, {listed}", stacklevel=3)
+            motion = replace(motion, q_names=names[0], u_names=names[1])
+        adopted.append(motion)
+    return tuple(adopted)
 
 
 def make_video_trajectory(recording: Recording, latents: np.ndarray, *, source: str) -> Trajectory:
@@ -118,7 +159,7 @@ def _expand(path: Path) -> list[Path]:
         if not matches:
             raise FileNotFoundError(f"{path}: no such file or folder, and no pattern that matches; check it")
         return [file for match in matches for file in ([match] if match.is_file() else _expand(match))]
-    if path.is_file() or (path / "dynamics.safetensors").is_file():
+    if path.is_file() or (path / "dynamics.safetensors").is_file() or is_lerobot(path):
         return [path]
     inside = sorted((item for item in path.iterdir() if item.is_file()), key=natural_order)
     if any(item.suffix.lower() in IMAGE_SUFFIXES for item in inside):
@@ -134,6 +175,8 @@ def _expand(path: Path) -> list[Path]:
 def _classify(path: Path) -> DataSource:
     """Find the kind of a single file or folder, by its name or, where this is ambiguous, by its content."""
     name, suffix = str(path), path.suffix.lower()
+    if is_lerobot(path):
+        return DataSource("trajectory", name)
     if path.is_dir():
         return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
     if suffix in TABLES or (suffix == ".mcap" and is_session(path)):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.io.trajectory.tables import TIME, Table, count_names, name_columns, read_table
+from lagsplat.io.trajectory.columns import TIME, Table, count_names, name_columns
+from lagsplat.io.trajectory.tables import read_table
 
 
 def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

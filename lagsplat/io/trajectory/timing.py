@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+CLIP_GAP_S = 1.0  # between the last sample of a clip and the first of the next, where each has its own clock
 Clips = tuple[tuple[int, int], ...]
 
 
@@ -50,3 +51,12 @@ def median_spacing_s(time_s: np.ndarray, clips: Clips, *, source: str) -> float:
     spacing = np.concatenate([np.diff(time_s[start:stop]) for start, stop in clips])
     require(spacing.size, source, "no two samples stand in one clip; a spacing in time needs two")
     return float(np.median(spacing))
+
+
+def lay_out_clocks(clocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Times [s] (T,) of clips that each have their own clock, one after another, `CLIP_GAP_S` apart."""
+    laid: list[np.ndarray] = []
+    for time_s in clocks:
+        shift_s = laid[-1][-1] + CLIP_GAP_S - time_s[0] if laid and len(time_s) else 0.0
+        laid.append(time_s + shift_s)
+    return np.concatenate(laid)

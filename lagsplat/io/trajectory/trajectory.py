@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lagsplat.io.trajectory.tables import SEGMENT, TIME, Table, count_names, name_columns, read_table
+from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, count_names, name_columns
+from lagsplat.io.trajectory.tables import read_table
 from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
 LONGEST_LOSS = 3.0  # longest gap left by dropped rows inside a clip, in median steps
@@ -150,7 +151,7 @@ class Trajectory:
 def read_trajectory_file(
     path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None
 ) -> Trajectory:
-    """Read the trajectory in a CSV, Parquet, NPZ or MATLAB file.
+    """Read the trajectory in a CSV, Parquet, NPZ, MATLAB or HDF5 file.
 
     ``columns`` maps standard names to the file's own, ``{"t": "time", "q0": "position", "u0": "torque"}``;
     columns with standard names need no entry. A text file may have a byte-order mark, ``#`` comments, spaces
@@ -166,16 +167,27 @@ def read_trajectory_file(
             inside a clip; the message names the row.
     """
     path = Path(path)
-    table = name_columns(read_table(path), columns or {})
+    return make_trajectory(name_columns(read_table(path, columns), columns or {}), source=path.name)
+
+
+def make_trajectory(table: Table, *, source: str) -> Trajectory:
+    """The trajectory in a table whose columns have standard names; ``source`` is its name in messages.
+
+    Raises:
+        ValueError: as `read_trajectory_file`.
+    """
     names = {letter: count_names(table, letter) for letter in "qvu"}
     used = [name for name in (TIME, SEGMENT, *names["q"], *names["v"], *names["u"]) if name in table.columns]
-    values = table.block(used)
-    whole = np.isfinite(values).all(axis=1)
+    at = {name: table.numbers(name) for name in used}
+    whole = np.ones(len(table.lines), dtype=bool)
+    for column in at.values():
+        whole &= np.isfinite(column)
     if not whole.any():
-        empty = [name for i, name in enumerate(used) if not np.isfinite(values[:, i]).any()]
+        empty = [name for name in used if not np.isfinite(at[name]).any()]
         raise ValueError(f"{table.source}: no row has a number in every column ({empty or used}); fill them")
     kept = np.flatnonzero(whole)
-    at = {name: values[kept, i] for i, name in enumerate(used)}
+    if len(kept) < len(whole):
+        at = {name: column[kept] for name, column in at.items()}
     segment = at.get(SEGMENT, np.zeros(len(kept)))
     broken = np.flatnonzero(segment != np.rint(segment))
     if broken.size:
@@ -184,7 +196,9 @@ def read_trajectory_file(
     cuts = 1 + np.flatnonzero(np.diff(segment))
     time_s = _one_clock(table, at[TIME], cuts, kept)
     torn = _dropped_rows(table, time_s, cuts, kept, n=len(whole))
-    block = {letter: np.array([at[name] for name in names[letter]]).T for letter in "qvu" if names[letter]}
+    block = {
+        letter: np.stack([at[name] for name in names[letter]], axis=1) for letter in "qvu" if names[letter]
+    }
     return Trajectory(
         time_s=time_s,
         q=block["q"],
@@ -193,7 +207,7 @@ def read_trajectory_file(
         segments=tuple(pairwise(sorted({0, *cuts.tolist(), *torn.tolist(), len(kept)}))),
         q_names=names["q"],
         u_names=names["u"],
-        source=path.name,
+        source=source,
     )
 
 

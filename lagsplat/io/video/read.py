@@ -17,6 +17,7 @@ from jaxtyping import Float64, UInt8
 
 from lagsplat.io.files.atomic import StrPath, sha256_of
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.trajectory.timing import CLIP_GAP_S, lay_out_clocks
 from lagsplat.io.video.clips import VideoClip, find_clips
 from lagsplat.io.video.decode import (
     count_duplicates_at_start,
@@ -30,7 +31,6 @@ from lagsplat.video_quality.camera_motion import path_to_undo, shift_back
 from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
 
 Picture = UInt8[np.ndarray, "H W 3"]
-CLIP_GAP_S = 1.0  # between the last frame of a clip and the first of the next
 SAME_SHAPE = 0.01  # largest relative difference of equal aspect ratios, and of equal frame spacings
 
 
@@ -61,14 +61,11 @@ def read_video(path: StrPath, settings: FrameSettings) -> Recording:
     settings = _with_common_size(clips, settings)
     films = [_read_clip(clip, settings) for clip in clips]
     _warn_of_spacings(clips, films)
-    times = [films[0].time_s]
-    for film in films[1:]:
-        times.append(film.time_s - film.time_s[0] + times[-1][-1] + CLIP_GAP_S)
-    stops = np.cumsum([len(part) for part in times]).tolist()
+    stops = np.cumsum([len(film.time_s) for film in films]).tolist()
     digests = [sha256_of(file) for clip in clips for file in clip.files]
     return Recording(
         frames=films[0].frames if len(films) == 1 else np.concatenate([film.frames for film in films]),
-        time_s=np.concatenate(times),
+        time_s=lay_out_clocks([film.time_s for film in films]),
         inputs=np.zeros((stops[-1], 0)),
         input_names=(),
         input_units=(),

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -67,6 +68,40 @@ def test_inspect_lists_a_log_and_describes_what_is_chosen_of_it(
     told = capsys.readouterr().out
     assert "input p    0 to 1.967 atm" in told
     assert "48 frames to train on, 12 held out" in told
+
+
+DATASET = Path(__file__).parents[1] / "io" / "lerobot" / "data" / "v30"
+
+
+def test_inspect_lists_a_lerobot_dataset_and_describes_a_camera_of_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["inspect", str(DATASET)]) == 0
+    told = capsys.readouterr().out
+    assert "(LeRobot 3.0, so100_follower)" in told
+    assert "to train on" not in told
+    assert main(["inspect", str(DATASET), "recording.lerobot.camera=observation.images.front"]) == 0
+    told = capsys.readouterr().out
+    assert "105, 64 x 48 px" in told
+    assert "input shoulder_lift.pos -2.0" in told
+    assert "84 frames to train on, 21 held out" in told
+    told = refused(capsys, "inspect", str(DATASET.parent / "v22"))
+    assert "no such file" in told
+
+
+def test_inspect_refuses_half_a_dataset_in_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta/episodes.jsonl").write_text("{}")
+    assert "info.json: missing" in refused(capsys, "inspect", str(tmp_path))
+
+
+def test_inspect_lists_an_hdf5_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["log/angle"] = np.zeros(5)
+    assert main(["inspect", str(tmp_path / "a.h5")]) == 0
+    assert "dataset    log/angle [5] float64" in capsys.readouterr().out
 
 
 HEAVY = ("torch", "numba", "pandas", "scipy", "numpy", "hydra", "omegaconf", "cv2", "matplotlib")

@@ -39,6 +39,13 @@ KRAUSS = {
 INPUT = {"topic": "/joints", "field": "position[elbow]", "name": "elbow", "unit": "rad"}
 MCAP = {"camera": "/camera", "inputs": [INPUT], "clock": "header", "max_gap_s": 0.5}
 LOG = {**VIDEO, "kind": "mcap", "mcap": MCAP}
+LEROBOT = {
+    "camera": "observation.images.front",
+    "inputs": ["action"],
+    "episodes": [0],
+    "joint_unit": "degree",
+}
+DATASET = {**VIDEO, "kind": "lerobot", "lerobot": LEROBOT}
 ARCHIVE = {
     "url": "https://example.org/a.zip",
     "folder": "~",
@@ -56,6 +63,7 @@ def test_omegaconf_fills_and_checks_types() -> None:
     assert fill(VIDEO) == RecordingConfig(**VIDEO)  # type: ignore[arg-type]
     assert fill({**KRAUSS, "archive": ARCHIVE}).archive == ArchiveConfig(**ARCHIVE)  # type: ignore[arg-type]
     assert fill(LOG).mcap.inputs[0].field == "position[elbow]"
+    assert fill(DATASET).lerobot.inputs == ["action"]
     with pytest.raises(ConfigKeyError, match="skipp_s"):
         fill({**VIDEO, "skipp_s": 1.0})
     with pytest.raises(MissingMandatoryValue, match="n_inputs"):
@@ -65,7 +73,7 @@ def test_omegaconf_fills_and_checks_types() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({**VIDEO, "kind": "gif"}, "kind=gif must be one of simulated, krauss, video, mcap"),
+        ({**VIDEO, "kind": "gif"}, "kind=gif must be one of simulated, krauss, video, mcap, lerobot"),
         ({**LOG, "mcap": None}, r"mcap\.camera=None must name the topic"),
         ({**LOG, "mcap": {**MCAP, "camera": None}}, r"mcap\.camera=None must name the topic"),
         ({**LOG, "mcap": {**MCAP, "clock": "wall"}}, "clock=wall must be one of header, log"),
@@ -74,6 +82,10 @@ def test_omegaconf_fills_and_checks_types() -> None:
         ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "field": "a[0"}]}}, r"'a\[0' is no path of a field"),
         ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "field": ""}]}}, "'' is no path of a field"),
         ({**LOG, "mcap": {**MCAP, "inputs": [{**INPUT, "topic": ""}]}}, "must not be empty"),
+        ({**DATASET, "lerobot": None}, "lerobot=None must name the camera"),
+        ({**DATASET, "stabilise": True}, "stabilise=True is for films alone"),
+        ({**DATASET, "lerobot": {**LEROBOT, "joint_unit": "turn"}}, "joint_unit=turn must be one of degree"),
+        ({**DATASET, "lerobot": {**LEROBOT, "inputs": ["a", "a"]}}, "must each be given once"),
         ({**VIDEO, "n_inputs": -1}, "n_inputs=-1 must be at least 0"),
         ({**VIDEO, "rotate": 45}, "rotate=45 must be one of"),
         ({**KRAUSS, "rotate": 90}, "a Krauss archive is used whole"),

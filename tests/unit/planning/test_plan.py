@@ -169,6 +169,24 @@ def test_every_clip_of_a_folder_is_an_input(tmp_path: Path) -> None:
         planned_runs(gone)
 
 
+def test_every_file_of_a_lerobot_dataset_is_an_input(tmp_path: Path) -> None:
+    names = (
+        "meta/info.json",
+        "data/chunk-000/file-000.parquet",
+        "videos/eye/chunk-000/file-000.mp4",
+        "README.md",
+    )
+    one = f"recording=filmed recording.kind=lerobot recording.path={tmp_path} systems=[pendulum_pair]"
+    with pytest.raises(ConfigError, match=r"no such file; check the path"):
+        planned_runs(given(hydra=one))
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert {run.recording for run in planned_runs(given(hydra=one))} == {"filmed"}
+    found = files_of(given(hydra=one), recording="filmed", system="pendulum_pair")
+    assert found == [str(tmp_path / name) for name in sorted(names[:3])]
+
+
 def test_who_chooses_systems_gets_no_table_of_others() -> None:
     def systems(words: str) -> list[str]:
         return [run.system for run in planned_extrapolations(given(hydra=words))[0]]

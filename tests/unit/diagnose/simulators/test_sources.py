@@ -6,9 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.sources import DataSource, find_sources, make_video_trajectory, read_sources
+from lagsplat.diagnose.simulators.sources import (
+    DataSource,
+    adopt_names,
+    find_sources,
+    make_video_trajectory,
+    read_sources,
+)
 from lagsplat.io.files.artifact import save_artifact
 from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 
 def kinds(argument: object) -> list[tuple[str, str]]:
@@ -121,3 +128,20 @@ def test_films_become_motions_with_their_inputs() -> None:
     np.testing.assert_array_equal(motion.q, latents)
     with pytest.raises(ValueError, match="for 10 frames"):
         make_video_trajectory(film(), latents[:4], source="bag.mp4")
+
+
+DATASET = Path(__file__).parents[2] / "io" / "lerobot" / "data" / "v30"
+
+
+@pytest.mark.filterwarnings("ignore:v30. joints are converted")
+def test_a_lerobot_dataset_is_one_trajectory_whose_joints_take_the_names_of_the_sim() -> None:
+    assert kinds(DATASET) == [("trajectory", "v30")]
+    motions = read_sources(find_sources(str(DATASET)))
+    assert motions[0].q_names[0] == "shoulder_pan.pos"
+    sim = Trajectory(np.arange(3.0), q=np.zeros((3, 6)), u=np.zeros((3, 6)))
+    with pytest.warns(UserWarning, match=r"q0 is shoulder_pan\.pos.*u5 is gripper\.pos_target"):
+        (named,) = adopt_names(motions, [sim])
+    assert (named.q_names, named.u_names) == (sim.q_names, sim.u_names)
+    assert adopt_names(motions, motions) == adopt_names(motions, []) == motions
+    other = Trajectory(np.arange(3.0), q=np.zeros((3, 2)), u=np.zeros((3, 6)))
+    assert adopt_names(motions, [other]) == motions  # a check refuses them by both lists of names
