@@ -245,7 +245,7 @@ class ParameterSensitivity:
     def rollout_model(self) -> RolloutModel:
         """The rollouts, with the extent of each move as the only nuisance parameters."""
         d, n_u = self.model.d, self.model.n_u
-        nuisance = NuisanceParameters(*[1.0] * 4, np.ones(d), 1.0, n_u, self.moves)
+        nuisance = NuisanceParameters(1.0, 1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
         return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held, self.smooth)
 
     @cached_property
