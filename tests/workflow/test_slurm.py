@@ -1,0 +1,161 @@
+"""The toy profile on a SLURM cluster of one node; and jobs that are preempted, requeued and killed midway."""
+
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.workflow.slurm_node import Cluster, kill_script, one_node, until
+
+ROOT = Path(__file__).resolve().parents[2]
+# A checkpoint each second, and time for several of them before the end of stage 1.
+TOY = "profile=toy systems=[toy] stage1.steps=900 stage1.checkpoint_every_s=1"
+ARM = Path("results/toy/simulated/toy")
+MADE = (
+    "recording.safetensors",
+    "default-0/autoencoder.safetensors",
+    "default-0/curve.csv",
+    "default-0/chart.safetensors",
+    "default-0/default-0/dynamics.safetensors",
+    "default-0/default-0/curve.csv",
+)
+CHECKPOINT = ARM / "default-0/checkpoint/state.pt"
+DYNAMICS = str(ARM / "default-0/default-0/dynamics.json")
+# Both stages, baselines, scores and a drawing: jobs alone and in every group.
+TARGETS = ("results/tables/krauss.csv", "results/tables/truth.csv", "results/figures/rollout_toy.pdf")
+PATIENCE_S = 900.0  # other programs may want the cores
+
+pytestmark = [pytest.mark.slow, pytest.mark.campaign]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Snakemake with the profile for clusters, at work in a folder; what it says is in a file there."""
+
+    cluster: Cluster
+    folder: Path
+    earlier: frozenset[str]
+    process: subprocess.Popen[bytes]
+
+    @classmethod
+    def start(cls, cluster: Cluster, folder: Path, *targets: str) -> "Run":
+        command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), *targets]
+        command += ["--directory", str(folder), "--profile", str(ROOT / "profiles" / "slurm")]
+        command += ["--config", f"hydra={TOY}", "--slurm-no-account", "--slurm-status-command", "squeue"]
+        command += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
+        path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+        earlier = frozenset(cluster.jobs())
+        with (folder / "snakemake.log").open("wb") as log:
+            process = subprocess.Popen(
+                command,
+                env={**cluster.environment, "PYTHONPATH": path},
+                cwd=folder,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+        return cls(cluster, folder, earlier, process)
+
+    def told(self) -> str:
+        return (self.folder / "snakemake.log").read_text("utf-8", errors="replace")
+
+    def jobs(self) -> dict[str, tuple[str, int, str]]:
+        found = self.cluster.jobs().items()
+        return {number: job for number, job in found if number not in self.earlier}
+
+    def jobs_of(self, rule: str) -> list[str]:
+        """Numbers of the jobs of a rule in SLURM, in the order of their submission."""
+        return sorted((n for n, job in self.jobs().items() if f"rule_{rule}_wild" in job[2]), key=int)
+
+    def wait_for(self, met: Callable[[], bool], what: str) -> None:
+        def met_while_running() -> bool:
+            assert self.process.poll() is None, f"before {what}, Snakemake has ended: {self.told()[-6000:]}"
+            return met()
+
+        until(met_while_running, what, patience_s=PATIENCE_S)
+
+    def succeed(self) -> None:
+        assert self.process.wait(PATIENCE_S) == 0, self.told()[-6000:]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    with one_node(tmp_path_factory.mktemp("slurm")) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def undisturbed(cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """The workflow, run from nothing."""
+    run = Run.start(cluster, tmp_path_factory.mktemp("undisturbed"), *TARGETS)
+    try:
+        run.succeed()
+        yield run
+    finally:
+        run.process.kill()
+
+
+def test_the_toy_profile_runs_on_a_cluster(undisturbed: Run) -> None:
+    for target in TARGETS:
+        assert (undisturbed.folder / target).stat().st_size
+    jobs = undisturbed.jobs().values()
+    assert {state for state, _, _ in jobs} == {"COMPLETED"}
+    names = Counter(comment.removeprefix("rule_").partition("_")[0] for _, _, comment in jobs)
+    assert set(names) == {
+        "recordings",
+        "stage1",
+        "chart",
+        "stage2",
+        "baseline",
+        "scores",
+        "figures",
+        "tables",
+    }
+    assert names["scores"] == 1, "four jobs of this group share a submission"
+
+
+def test_preempted_requeued_and_killed_jobs_give_the_same_bits(undisturbed: Run, tmp_path: Path) -> None:
+    run = Run.start(undisturbed.cluster, tmp_path, DYNAMICS)
+    try:
+        training = _disturb_stage1(run)
+        fit = _requeue_stage2(run)
+        run.succeed()
+    finally:
+        run.process.kill()
+    states = run.jobs()
+    assert [states[job][:2] for job in training] == [("FAILED", 1), ("COMPLETED", 0)]
+    assert states[fit][:2] == ("COMPLETED", 1)
+    log = (tmp_path / "results/toy/logs/simulated/toy/default-0/stage1.log").read_text("utf-8")
+    assert "going on from" in log
+    assert not (tmp_path / CHECKPOINT).exists()
+    for name in MADE:
+        assert (tmp_path / ARM / name).read_bytes() == (undisturbed.folder / ARM / name).read_bytes(), name
+
+
+def _disturb_stage1(run: Run) -> list[str]:
+    """Preempt stage 1 by an urgent job, then kill its process; returns the numbers of both its jobs."""
+    checkpoint = run.folder / CHECKPOINT
+    run.wait_for(checkpoint.exists, "a checkpoint of stage 1")
+    (job,) = run.jobs_of("stage1")
+    run.cluster.ask("sbatch", "--partition=urgent", "--exclusive", "--output=/dev/null", "--wrap=sleep 1")
+    run.wait_for(lambda: run.jobs()[job][1] == 1, "the preemption of stage 1")
+    before = checkpoint.stat().st_mtime_ns
+    run.wait_for(lambda: checkpoint.stat().st_mtime_ns > before, "a checkpoint after it")
+    kill_script(run.cluster, job, run.folder)
+    run.wait_for(lambda: len(run.jobs_of("stage1")) == 2, "another try of stage 1")
+    return run.jobs_of("stage1")
+
+
+def _requeue_stage2(run: Run) -> str:
+    """Requeue stage 2 while it fits; returns its number in SLURM."""
+    log = run.folder / "results/toy/logs/simulated/toy/default-0/default-0/stage2.log"
+    run.wait_for(log.exists, "the start of stage 2")
+    (job,) = run.jobs_of("stage2")
+    assert run.jobs()[job][0] == "RUNNING"
+    run.cluster.ask("scontrol", "requeue", job)
+    run.wait_for(lambda: run.jobs()[job][1] == 1, "another start of stage 2")
+    return job
