@@ -13,13 +13,15 @@ ARG EXTRAS=cluster
 
 WORKDIR /opt/lagsplat
 COPY . .
+# Any user may ask git for the commit.
+RUN git config --system --add safe.directory /opt/lagsplat
 RUN python3.11 -m venv /opt/venv \
     && /opt/venv/bin/pip install --no-cache-dir ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} \
        "$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)" \
     && /opt/venv/bin/pip install --no-cache-dir --editable ".[$EXTRAS]"
 
-# A container may run as any user and unable to write to its image: what is kept between jobs is in /tmp.
-ENV PATH=/opt/venv/bin:$PATH \
+# A container may run as a user without a name or a home, who cannot write to the image: what is kept is in /tmp.
+ENV PATH=/opt/venv/bin:$PATH LOGNAME=lagsplat HOME=/tmp \
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE \
     PYTHONDONTWRITEBYTECODE=1 NUMBA_CACHE_DIR=/tmp/lagsplat/numba \
     XDG_CACHE_HOME=/tmp/lagsplat/cache MPLCONFIGDIR=/tmp/lagsplat/matplotlib

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from getpass import getuser
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol")
 PLUGIN = "snakemake_executor_plugin_slurm"
 CPUS, MEMORY_MB = 16, 64_000
-"""What the node claims to have: jobs wait for each other no more than on a larger one."""
+"""What the node claims to have, as well as a GPU: jobs wait for each other no more than on a larger one."""
 SETTINGS = """
 ClusterName=test
 SlurmctldHost=localhost(127.0.0.1)
@@ -48,14 +49,26 @@ SlurmdParameters=config_overrides
 PreemptType=preempt/partition_prio
 PreemptMode=REQUEUE
 KillWait=2
-MinJobAge=600
+MinJobAge=86400
 SchedulerParameters=batch_sched_delay=0,sched_min_interval=0
-NodeName=localhost NodeAddr=127.0.0.1 CPUs={cpus} RealMemory={memory_mb}
+GresTypes=gpu
+NodeName=localhost NodeAddr=127.0.0.1 CPUs={cpus} RealMemory={memory_mb} Gres=gpu:1
 PartitionName=ordinary Nodes=localhost Default=YES PriorityTier=1 MaxTime=INFINITE
+PartitionName=gpu Nodes=localhost PriorityTier=1 MaxTime=INFINITE
 PartitionName=urgent Nodes=localhost PriorityTier=2 PreemptMode=OFF MaxTime=INFINITE
 """
 # What a job starts on the node has no SLURM_CONF: Snakemake's plugin takes all SLURM_* away before `srun`.
 STEP = '#!/bin/sh\nSLURM_CONF={settings} exec {srun} "$@"\n'
+
+
+class SlurmJob(NamedTuple):
+    """What SLURM says of a job; ``comment`` names its rule or group."""
+
+    state: str
+    restarts: int
+    partition: str
+    resources: str
+    comment: str
 
 
 @dataclass(frozen=True)
@@ -70,12 +83,18 @@ class Cluster:
         assert done.returncode == 0, f"{words}: {done.stderr}"
         return done.stdout
 
-    def jobs(self) -> dict[str, tuple[str, int, str]]:
-        """State, number of restarts and comment of every job by its number, finished ones included."""
+    def jobs(self) -> dict[str, SlurmJob]:
+        """Every job by its number, finished ones included."""
         lines = self.ask("scontrol", "--oneliner", "show", "job").splitlines()
         rows = [dict(word.split("=", 1) for word in line.split(" ") if "=" in word) for line in lines]
         return {
-            row["JobId"]: (row["JobState"], int(row["Restarts"]), row.get("Comment", ""))
+            row["JobId"]: SlurmJob(
+                row["JobState"],
+                int(row["Restarts"]),
+                row["Partition"],
+                row.get("TresPerJob", ""),
+                row.get("Comment", ""),
+            )
             for row in rows
             if "JobId" in row
         }
@@ -102,6 +121,7 @@ def _write_settings(folder: Path) -> dict[str, str]:
         (folder / name).mkdir()
     settings, step, key = folder / "slurm.conf", folder / "bin" / "srun", folder / "munge.key"
     ports = {"controller": _free_port(), "node": _free_port()}
+    (folder / "gres.conf").write_text("Name=gpu File=/dev/null\n", "utf-8")
     settings.write_text(
         SETTINGS.format(folder=folder, user=getuser(), cpus=CPUS, memory_mb=MEMORY_MB, **ports), "utf-8"
     )

@@ -1,20 +1,26 @@
-"""The toy profile on a SLURM cluster of one node; and jobs that are preempted, requeued and killed midway."""
+"""The toy profile on a SLURM cluster of one node; and jobs that are preempted, requeued and killed midway.
+
+The node claims a GPU, of which there is none: a job may ask for it, and trains on the CPU.
+"""
 
 import os
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.workflow.slurm_node import Cluster, kill_script, one_node, until
+from tests.workflow.slurm_node import Cluster, SlurmJob, kill_script, one_node, until
 
 ROOT = Path(__file__).resolve().parents[2]
-# A checkpoint each second, and time for several of them before the end of stage 1.
-TOY = "profile=toy systems=[toy] stage1.steps=900 stage1.checkpoint_every_s=1"
+PROFILE = ROOT / "profiles" / "slurm"
+# Few jobs, and a checkpoint each second, with time for several of them before the end of stage 1.
+TOY = (
+    "profile=toy systems=[toy] ablations=[] baselines=[osc_abcd] stage1.steps=900 stage1.checkpoint_every_s=1"
+)
 ARM = Path("results/toy/simulated/toy")
 MADE = (
     "recording.safetensors",
@@ -28,7 +34,7 @@ CHECKPOINT = ARM / "default-0/checkpoint/state.pt"
 DYNAMICS = str(ARM / "default-0/default-0/dynamics.json")
 # Both stages, baselines, scores and a drawing: jobs alone and in every group.
 TARGETS = ("results/tables/krauss.csv", "results/tables/truth.csv", "results/figures/rollout_toy.pdf")
-PATIENCE_S = 900.0  # other programs may want the cores
+PATIENCE_S = 1500.0  # other programs may want the cores
 
 pytestmark = [pytest.mark.slow, pytest.mark.campaign]
 
@@ -43,9 +49,10 @@ class Run:
     process: subprocess.Popen[bytes]
 
     @classmethod
-    def start(cls, cluster: Cluster, folder: Path, *targets: str) -> "Run":
+    def start(cls, cluster: Cluster, folder: Path, *targets: str, profiles: Sequence[Path]) -> "Run":
         command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), *targets]
-        command += ["--directory", str(folder), "--profile", str(ROOT / "profiles" / "slurm")]
+        command += ["--directory", str(folder)]
+        command += [word for path in profiles for word in ("--profile", str(path))]
         command += ["--config", f"hydra={TOY}", "--slurm-no-account", "--slurm-status-command", "squeue"]
         command += ["--slurm-init-seconds-before-status-checks", "2", "--seconds-between-status-checks", "2"]
         path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -63,13 +70,13 @@ class Run:
     def told(self) -> str:
         return (self.folder / "snakemake.log").read_text("utf-8", errors="replace")
 
-    def jobs(self) -> dict[str, tuple[str, int, str]]:
+    def jobs(self) -> dict[str, SlurmJob]:
         found = self.cluster.jobs().items()
         return {number: job for number, job in found if number not in self.earlier}
 
     def jobs_of(self, rule: str) -> list[str]:
         """Numbers of the jobs of a rule in SLURM, in the order of their submission."""
-        return sorted((n for n, job in self.jobs().items() if f"rule_{rule}_wild" in job[2]), key=int)
+        return sorted((n for n, job in self.jobs().items() if f"rule_{rule}_wild" in job.comment), key=int)
 
     def wait_for(self, met: Callable[[], bool], what: str) -> None:
         def met_while_running() -> bool:
@@ -91,7 +98,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 @pytest.fixture(scope="module")
 def undisturbed(cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """The workflow, run from nothing."""
-    run = Run.start(cluster, tmp_path_factory.mktemp("undisturbed"), *TARGETS)
+    run = Run.start(cluster, tmp_path_factory.mktemp("undisturbed"), *TARGETS, profiles=[PROFILE])
     try:
         run.succeed()
         yield run
@@ -103,8 +110,8 @@ def test_the_toy_profile_runs_on_a_cluster(undisturbed: Run) -> None:
     for target in TARGETS:
         assert (undisturbed.folder / target).stat().st_size
     jobs = undisturbed.jobs().values()
-    assert {state for state, _, _ in jobs} == {"COMPLETED"}
-    names = Counter(comment.removeprefix("rule_").partition("_")[0] for _, _, comment in jobs)
+    assert {(job.state, job.restarts, job.resources) for job in jobs} == {("COMPLETED", 0, "")}
+    names = Counter(job.comment.removeprefix("rule_").partition("_")[0] for job in jobs)
     assert set(names) == {
         "recordings",
         "stage1",
@@ -115,20 +122,21 @@ def test_the_toy_profile_runs_on_a_cluster(undisturbed: Run) -> None:
         "figures",
         "tables",
     }
-    assert names["scores"] == 1, "four jobs of this group share a submission"
+    assert names["scores"] == 1, "both jobs of this group share a submission"
 
 
 def test_preempted_requeued_and_killed_jobs_give_the_same_bits(undisturbed: Run, tmp_path: Path) -> None:
-    run = Run.start(undisturbed.cluster, tmp_path, DYNAMICS)
+    run = Run.start(undisturbed.cluster, tmp_path, DYNAMICS, profiles=[PROFILE, PROFILE / "gpu.yaml"])
     try:
         training = _disturb_stage1(run)
         fit = _requeue_stage2(run)
         run.succeed()
     finally:
         run.process.kill()
-    states = run.jobs()
-    assert [states[job][:2] for job in training] == [("FAILED", 1), ("COMPLETED", 0)]
-    assert states[fit][:2] == ("COMPLETED", 1)
+    jobs = run.jobs()
+    gpu = ("gpu", "gres:gpu:1")
+    assert [jobs[job][:4] for job in training] == [("FAILED", 1, *gpu), ("COMPLETED", 0, *gpu)]
+    assert jobs[fit][:4] == ("COMPLETED", 1, "ordinary", "")
     log = (tmp_path / "results/toy/logs/simulated/toy/default-0/stage1.log").read_text("utf-8")
     assert "going on from" in log
     assert not (tmp_path / CHECKPOINT).exists()
@@ -142,7 +150,7 @@ def _disturb_stage1(run: Run) -> list[str]:
     run.wait_for(checkpoint.exists, "a checkpoint of stage 1")
     (job,) = run.jobs_of("stage1")
     run.cluster.ask("sbatch", "--partition=urgent", "--exclusive", "--output=/dev/null", "--wrap=sleep 1")
-    run.wait_for(lambda: run.jobs()[job][1] == 1, "the preemption of stage 1")
+    run.wait_for(lambda: run.jobs()[job].restarts == 1, "the preemption of stage 1")
     before = checkpoint.stat().st_mtime_ns
     run.wait_for(lambda: checkpoint.stat().st_mtime_ns > before, "a checkpoint after it")
     kill_script(run.cluster, job, run.folder)
@@ -155,7 +163,7 @@ def _requeue_stage2(run: Run) -> str:
     log = run.folder / "results/toy/logs/simulated/toy/default-0/default-0/stage2.log"
     run.wait_for(log.exists, "the start of stage 2")
     (job,) = run.jobs_of("stage2")
-    assert run.jobs()[job][0] == "RUNNING"
+    assert run.jobs()[job].state == "RUNNING"
     run.cluster.ask("scontrol", "requeue", job)
-    run.wait_for(lambda: run.jobs()[job][1] == 1, "another start of stage 2")
+    run.wait_for(lambda: run.jobs()[job].restarts == 1, "another start of stage 2")
     return job
