@@ -98,9 +98,9 @@ def before(stage):
 
 
 def minutes(toy, quick, full):
-    """Time limit of a training run, by profile; every further try has as much again."""
+    """Time limit of a training run, by profile; every further try has as much again, up to a day."""
     limits = {"toy": toy, "quick": quick, "full": full}
-    return lambda wildcards, attempt: attempt * limits[wildcards.profile]
+    return lambda wildcards, attempt: min(attempt * limits[wildcards.profile], 24 * 60)
 
 
 def planned(**chosen):
