@@ -6,6 +6,7 @@ The node claims a GPU, of which there is none: a job may ask for it, and trains 
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import torch
 
 from tests.workflow.slurm_node import Cluster, SlurmJob, kill_script, one_node, until
 
@@ -140,8 +142,7 @@ def test_preempted_requeued_and_killed_jobs_give_the_same_bits(undisturbed: Run,
     gpu = ("gpu", "gres:gpu:1")
     assert [jobs[job][:4] for job in training] == [("FAILED", 1, *gpu), ("COMPLETED", 0, *gpu)]
     assert jobs[fit][:4] == ("COMPLETED", 1, "ordinary", "")
-    log = (tmp_path / "results/toy/logs/simulated/toy/default-0/stage1.log").read_text("utf-8")
-    assert "going on from" in log
+    assert resumed_at(tmp_path) >= 400
     assert not (tmp_path / CHECKPOINT).exists()
     for name in MADE:
         assert numbers(tmp_path / ARM / name) == numbers(undisturbed.folder / ARM / name), name
@@ -162,16 +163,32 @@ def numbers(path: Path) -> tuple[object, object]:
 
 def _disturb_stage1(run: Run) -> list[str]:
     """Preempt stage 1 by an urgent job, then kill its process; returns the numbers of both its jobs."""
-    checkpoint = run.folder / CHECKPOINT
-    run.wait_for(checkpoint.exists, "a checkpoint of stage 1")
+    run.wait_for(lambda: steps_done(run.folder) >= 200, "200 steps of stage 1")
     (job,) = run.jobs_of("stage1")
     run.cluster.ask("sbatch", "--partition=urgent", "--exclusive", "--output=/dev/null", "--wrap=sleep 1")
     run.wait_for(lambda: run.jobs()[job].restarts == 1, "the preemption of stage 1")
-    before = checkpoint.stat().st_mtime_ns
-    run.wait_for(lambda: checkpoint.stat().st_mtime_ns > before, "a checkpoint after it")
+    run.wait_for(lambda: steps_done(run.folder) >= 400, "200 more steps")
+    assert resumed_at(run.folder) >= 200
     kill_script(run.cluster, job, run.folder)
     run.wait_for(lambda: len(run.jobs_of("stage1")) == 2, "another try of stage 1")
     return run.jobs_of("stage1")
+
+
+def steps_done(folder: Path) -> int:
+    """Steps of stage 1 up to its last checkpoint."""
+    path = folder / CHECKPOINT
+    if not path.exists():
+        return 0
+    step: int = torch.load(path, weights_only=True)["state"]["curve"][-1][0]
+    return step
+
+
+def resumed_at(folder: Path) -> int:
+    """The step from which the last start of stage 1 has gone on."""
+    log = (folder / "results/toy/logs/simulated/toy/default-0/stage1.log").read_text("utf-8")
+    found = re.search(r"going on from .* at step (\d+)", log)
+    assert found, log
+    return int(found[1])
 
 
 def _requeue_stage2(run: Run) -> str:
