@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test campaigns scenarios lint types workflow docs
+.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -42,6 +42,12 @@ test: .venv/.installed
 # What takes too long for every change: the sealed check of the diagnosis and the methods beside it.
 campaigns: .venv/.installed
 	$(BIN)/python -m pytest -m campaign -n $(CORES) --dist loadfile
+
+# The toy profile on a SLURM cluster of one node; skipped, with the reason, where SLURM is not there. The plugin is not
+# among the extras of the tests, because every start of Snakemake loads it.
+slurm-test: .venv/.installed
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[cluster]"
+	$(BIN)/python -m pytest -m campaign -rs tests/workflow/test_slurm.py
 
 scenarios: .venv/.installed
 	$(BIN)/python -m pytest --quiet tests/scenarios

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from lagsplat.config.schema import options
 
@@ -329,6 +330,55 @@ def test_every_rule_says_what_it_does_where_it_logs_and_what_it_costs() -> None:
             found = re.findall(r"^    (\w+):", text, flags=re.MULTILINE)
             assert found == [key for key in ORDER if key in found], text[:40]
             assert set(ORDER) - set(found) <= {"input"}, text[:40]
+
+
+def resources_of_rules() -> dict[str, dict[str, str]]:
+    """What every rule asks for, as written."""
+    asked = {}
+    for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
+        for text in f"\n{path.read_text(encoding='utf-8')}".split("\nrule ")[1:]:
+            part = text.partition("    resources:\n")[2].partition("    params:\n")[0]
+            asked[text.partition(":")[0]] = dict(
+                re.findall(r"^        (\w+)=(.+),$", part, flags=re.MULTILINE)
+            )
+    return asked
+
+
+def test_every_rule_says_its_memory_and_its_minutes() -> None:
+    for rule, asked in resources_of_rules().items():
+        assert set(asked) == {"mem_mb", "runtime"}, rule
+        # a job on a cluster contains two processes of Snakemake besides
+        assert not asked["mem_mb"].isdigit() or int(asked["mem_mb"]) >= 1500, rule
+        assert asked["runtime"].isdigit() or asked["runtime"].startswith("minutes("), rule
+
+
+def test_the_profiles_for_clusters_name_rules_and_groups_that_are_there() -> None:
+    rules = set(resources_of_rules())
+    profile, gpu = (
+        yaml.safe_load((ROOT / "profiles" / "slurm" / f"{name}.yaml").read_text("utf-8"))
+        for name in ("config", "gpu")
+    )
+    assert set(profile["groups"]) <= rules
+    assert set(profile["group-components"]) == set(profile["groups"].values())
+    assert set(gpu["set-resources"]) <= rules
+
+
+@pytest.mark.parametrize("profile", options("profile"))
+def test_groups_for_clusters_depend_on_nothing_that_waits_for_them(tmp_path: Path, profile: str) -> None:
+    """Snakemake refuses a group whose job needs a job outside that needs the group."""
+    cluster = yaml.safe_load((ROOT / "profiles" / "slurm" / "config.yaml").read_text("utf-8"))
+    words = {
+        key: [f"{name}={value}" for name, value in cluster[key].items()]
+        for key in ("groups", "group-components", "default-resources", "resources", "set-resource-scopes")
+    }
+    told = planned(
+        tmp_path,
+        *(word for key, values in words.items() for word in (f"--{key}", *values)),
+        "--config",
+        f"hydra=profile={profile} seeds=[0] baseline_seeds=[0] forecaster_seeds=[0]",
+    )
+    for group in cluster["group-components"]:
+        assert f"Group job {group} " in told
 
 
 def test_scripts_are_thin() -> None:

@@ -16,6 +16,7 @@ rule authors:
     threads: 1
     resources:
         mem_mb=8000,
+        runtime=1440,
     params:
         cfg=section("authors"),
         before=before("authors"),
@@ -50,6 +51,7 @@ rule extrapolate_authors:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         cfg=section("extrapolation"),
         before=lambda wildcards: [

@@ -17,6 +17,7 @@ rule baseline:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=minutes(toy=10, quick=30, full=1440),
     params:
         cfg=section("baseline"),
         before=before("baseline"),
@@ -48,6 +49,7 @@ rule baseline_evaluate:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=30,
     params:
         cfg=section("evaluate"),
         before=before("baseline_evaluate"),
@@ -81,7 +83,8 @@ rule baseline_curve:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         title=section("system.title"),
         before=before("baseline_evaluate"),

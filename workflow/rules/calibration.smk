@@ -13,6 +13,7 @@ rule calibration_make:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         batch=section("calibration.batch"),
         seed=section("calibration.seed"),
@@ -38,6 +39,7 @@ rule calibration_measure:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=60,
     params:
         cfg=section("diagnose"),
         code=made_of(
@@ -72,6 +74,7 @@ rule calibration:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=60,
     params:
         code=made_of("calibration", "benchmarks.calibration.fit", folder="calibration"),
     message:

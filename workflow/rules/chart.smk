@@ -17,6 +17,7 @@ rule chart:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=20,
     params:
         cfg=section("chart"),
         before=before("chart"),
@@ -50,7 +51,8 @@ rule latent:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         title=section("system.title"),
         before=before("stage2"),

@@ -97,6 +97,12 @@ def before(stage):
     return lambda wildcards: lineage(overrides, SCRIPTS, stage, **choices(wildcards))
 
 
+def minutes(toy, quick, full):
+    """Time limit of a training run, by profile; every further try has as much again, up to a day."""
+    limits = {"toy": toy, "quick": quick, "full": full}
+    return lambda wildcards, attempt: min(attempt * limits[wildcards.profile], 24 * 60)
+
+
 def planned(**chosen):
     """Wildcards of every planned run, or of those with the chosen ones."""
     every = [asdict(run) for run in planned_runs(overrides)]

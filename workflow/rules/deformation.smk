@@ -17,6 +17,7 @@ rule field:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=minutes(toy=10, quick=30, full=120),
     params:
         cfg=section("deformation"),
         stage1=section("stage1"),
@@ -55,6 +56,7 @@ rule velocity_field:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=20,
     params:
         cfg=section("deformation"),
         window=section("stage1.loss.ssim_window"),
@@ -90,7 +92,8 @@ rule deformation:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: field_runs(),
         titles=lambda wildcards: titles(field_runs()),
@@ -130,7 +133,8 @@ rule jacobian_field:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         title=lambda wildcards: "The same motion read off two decoders · {title} · {recording} recording · profile {profile}".format(
             title=titles(field_runs())[field_runs()[0]["system"]], **field_runs()[0]

@@ -28,6 +28,7 @@ rule evaluate:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=20,
     params:
         cfg=section("evaluate"),
         before=before("evaluate"),

@@ -19,6 +19,7 @@ rule forecaster:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=minutes(toy=10, quick=60, full=480),
     params:
         cfg=section("forecaster"),
         before=before("forecaster"),
@@ -51,7 +52,8 @@ rule ode:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=minutes(toy=10, quick=30, full=60),
     params:
         cfg=section("ode"),
         before=before("ode"),
@@ -88,6 +90,7 @@ rule extrapolate:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         cfg=section("extrapolation"),
         before=before("extrapolate"),
@@ -123,6 +126,7 @@ rule extrapolate_forecaster:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         cfg=section("extrapolation"),
         before=lambda wildcards: [
@@ -161,6 +165,7 @@ rule extrapolate_ode:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         cfg=section("extrapolation"),
         before=lambda wildcards: [

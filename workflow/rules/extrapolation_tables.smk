@@ -32,7 +32,8 @@ rule extrapolation:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: extrapolated()[0],
         others=lambda wildcards: extrapolated()[1],
@@ -77,7 +78,8 @@ rule equilibrium:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         title=lambda wildcards: "Free extrapolation far past the clip · {title} · {recording} recording · profile {profile}".format(
             title=titles(first_extrapolated("run"))[

@@ -23,6 +23,7 @@ rule forces:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=20,
     params:
         cfg=section("forces"),
         simulation=section("simulation"),
@@ -66,7 +67,8 @@ rule force:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         cfg=lambda wildcards: section("forces")(pushed(wildcards.mechanism)),
         hanging=lambda wildcards: section("system.film")(pushed(wildcards.mechanism))
@@ -112,7 +114,8 @@ rule force_map:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         title=lambda wildcards: "Errors of the answers, by where the force acts · {recording} recording of {system} · profile {profile}".format(
             **pushed(wildcards.mechanism)
@@ -147,7 +150,8 @@ rule force_invariants:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: pushable(main_runs()),
         solid=[asdict(run) for run in planned_spatial(overrides).values()],
@@ -189,7 +193,8 @@ rule force_truth:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: pushed_runs(),
         titles=lambda wildcards: titles(pushed_runs()),

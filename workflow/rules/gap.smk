@@ -13,6 +13,7 @@ rule plant:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=20,
     params:
         simulation=section("simulation", recording="simulated"),
         n_frames=section("planted.n_frames", recording="simulated"),
@@ -69,6 +70,7 @@ rule diagnose:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=60,
     params:
         cfg=section("diagnose"),
         before=before("evaluate"),
@@ -103,7 +105,8 @@ rule gap:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: diagnosed(),
         titles=lambda wildcards: titles(diagnosed()),

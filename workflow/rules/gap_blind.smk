@@ -18,6 +18,7 @@ rule gap_make:
     threads: 2
     resources:
         mem_mb=2000,
+        runtime=minutes(toy=10, quick=60, full=240),
     params:
         key=key_file,
         n=recordings,
@@ -45,6 +46,7 @@ rule gap_encode:
     threads: 1
     resources:
         mem_mb=4000,
+        runtime=60,
     params:
         stage1=section("stage1"),
         film=lambda wildcards: {
@@ -75,6 +77,7 @@ rule gap_predict:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=120,
     params:
         cfg=section("diagnose"),
         number=own_number,
@@ -101,6 +104,7 @@ rule gap_baseline:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=120,
     params:
         cfg=section("diagnose"),
         number=own_number,
@@ -127,7 +131,8 @@ rule gap_open:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         key=key_file,
         most=left_out_runs,
@@ -158,6 +163,7 @@ rule gap_left_out:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=120,
     params:
         cfg=section("diagnose"),
         size=section("blind.batch"),
@@ -204,7 +210,8 @@ rule gap_score:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         key=key_file,
         baselines=section("blind.baselines"),
@@ -242,7 +249,8 @@ rule gap_blind:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         tiers=lambda wildcards: planned_tiers(),
         code=made_of("gap_blind", "benchmarks.gapgen.tiers"),

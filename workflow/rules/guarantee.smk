@@ -24,7 +24,8 @@ rule guarantee:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=30,
     params:
         runs=lambda wildcards: planned(),
         cfg=lambda wildcards: section("extrapolation.guarantee")(planned()[0]),

@@ -19,6 +19,7 @@ rule matter:
     threads: 1
     resources:
         mem_mb=lambda wildcards: 3000 if sided(wildcards) else 2000,
+        runtime=30,
     params:
         cfg=section("matter"),
         before=before("matter"),
@@ -64,7 +65,8 @@ rule material_paths:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         points=section("forces.points"),
         simulation=section("simulation"),

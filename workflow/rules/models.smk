@@ -26,7 +26,8 @@ rule horizon:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         names=lambda wildcards: ["LaGSplat", *baseline_names(wildcards.system)],
         title=lambda wildcards: f"Image error over time · {shown_as(wildcards.system)}",
@@ -75,6 +76,7 @@ rule gallery:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=10,
     params:
         cfg=lambda wildcards: section("evaluate")(planned(**wildcards)[0]),
         names=lambda wildcards: baseline_names(wildcards.system),
@@ -114,7 +116,8 @@ rule attention:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         names=lambda wildcards: baseline_names(wildcards.system),
         title=lambda wildcards: f"Attention maps · {shown_as(wildcards.system)}",
@@ -158,7 +161,8 @@ rule inertia:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         names=lambda wildcards: [
             run["stage2"] for run in first_masses(wildcards.system)

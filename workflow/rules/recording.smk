@@ -12,6 +12,7 @@ rule simulate:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=20,
     params:
         simulation=section("simulation", recording="simulated"),
         release=section("release", recording="simulated"),
@@ -38,6 +39,7 @@ rule ingest:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=30,
     params:
         cfg=section("recording", recording="filmed"),
         code=script_digest(SCRIPTS / "recording/ingest.py"),

@@ -15,6 +15,7 @@ rule refine:
     threads: 1
     resources:
         mem_mb=8000,
+        runtime=30,
     params:
         cfg=section("recording"),
         simulation=section("simulation"),
@@ -48,6 +49,7 @@ rule sharpen:
     threads: 8
     resources:
         mem_mb=8000,
+        runtime=minutes(toy=20, quick=480, full=480),
     params:
         cfg=section("stage1"),
         render=section("render"),

@@ -19,6 +19,7 @@ rule rollout:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=10,
     params:
         cfg=section("evaluate"),
         title=section("system.title"),
@@ -50,7 +51,8 @@ rule figure:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         before=lambda wildcards: before("evaluate")(planned(**wildcards)[0]),
         code=script_digest(SCRIPTS / "report/figure.py"),

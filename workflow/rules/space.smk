@@ -25,6 +25,7 @@ rule sides:
     threads: 1
     resources:
         mem_mb=3000,
+        runtime=10,
     params:
         title=section("system.title"),
         before=before("chart"),
@@ -67,7 +68,8 @@ rule force_space:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1500,
+        mem_mb=2000,
+        runtime=10,
     params:
         cfg=lambda wildcards: section("forces")(spatial(wildcards.solid)),
         title=lambda wildcards: "Forces in space · {recording} recording of {system} · profile {profile}".format(

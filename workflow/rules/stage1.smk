@@ -25,6 +25,7 @@ rule stage1:
     threads: lambda wildcards: 8 if section("stage1.batch")(wildcards) >= 16 else 1
     resources:
         mem_mb=4000,
+        runtime=minutes(toy=10, quick=120, full=480),
     params:
         cfg=section("stage1"),
         views=section("views"),
@@ -63,6 +64,7 @@ rule reconstruction:
     threads: 1
     resources:
         mem_mb=2000,
+        runtime=10,
     params:
         title=section("system.title"),
         before=before("chart"),
@@ -96,7 +98,8 @@ rule curve:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=1000,
+        mem_mb=2000,
+        runtime=10,
     params:
         title=section("system.title"),
         before=before("chart"),

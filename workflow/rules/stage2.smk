@@ -19,7 +19,8 @@ rule stage2:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=2000,
+        mem_mb=4000,
+        runtime=minutes(toy=10, quick=90, full=180),
     params:
         cfg=section("stage2"),
         before=before("stage2"),

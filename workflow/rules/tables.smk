@@ -26,7 +26,8 @@ rule table:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: krauss_runs(),
         baselines=lambda wildcards: baseline_runs(),
@@ -62,7 +63,8 @@ rule mass:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: mass_runs(),
         titles=lambda wildcards: titles(mass_runs()),
@@ -94,7 +96,8 @@ rule recipes:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: recipe_runs(),
         titles=lambda wildcards: titles(recipe_runs()),
@@ -126,7 +129,8 @@ rule physical:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: main_runs(),
         titles=lambda wildcards: titles(main_runs()),
@@ -158,7 +162,8 @@ rule truth:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: true_runs(),
         titles=lambda wildcards: titles(true_runs()),
@@ -189,7 +194,8 @@ rule margins:
         "../envs/lagsplat.yaml"
     threads: 1
     resources:
-        mem_mb=500,
+        mem_mb=1500,
+        runtime=10,
     params:
         runs=lambda wildcards: planned(),
         before=lambda wildcards: [before("table")(run) for run in planned()],

@@ -20,6 +20,7 @@ rule views:
     threads: 1
     resources:
         mem_mb=4000,
+        runtime=minutes(toy=10, quick=120, full=240),
     params:
         cfg=section("views"),
         source=section("recording"),
