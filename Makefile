@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test campaigns scenarios lint types workflow docs
+.PHONY: krauss physical view test campaigns scenarios lint types workflow docs lock package
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -46,6 +46,10 @@ campaigns: .venv/.installed
 scenarios: .venv/.installed
 	$(BIN)/python -m pytest --quiet tests/scenarios
 
+# The wheel, built and installed in an empty environment, and the pipeline that it lays down.
+package: .venv/.installed
+	$(BIN)/python -m pytest --quiet tests/package
+
 lint: .venv/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -57,9 +61,21 @@ workflow: .venv/.installed
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
+# pyproject.toml gives ranges for whoever installs the package beside others; here every version is exact.
+LOCK := requirements/lock.txt
+
 # torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
-.venv/.installed: pyproject.toml
+.venv/.installed: pyproject.toml $(LOCK)
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --no-compile "$$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)"
-	$(BIN)/python -m pip install --quiet --no-compile --editable ".[test]"
+	$(BIN)/python -m pip install --quiet --no-compile "$$(grep '^torch==' $(LOCK))"
+	$(BIN)/python -m pip install --quiet --no-compile --requirement $(LOCK)
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --editable .
+	$(BIN)/python -m pip check
 	touch $@
+
+# The newest versions within the ranges, into the lock. KEEP="torch==2.13.0 numpy==2.4.6" keeps those.
+KEEP :=
+lock:
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/python requirements/renew.py $(KEEP) > build/lock.txt
+	mv build/lock.txt $(LOCK)

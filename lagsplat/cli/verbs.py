@@ -1,6 +1,7 @@
 """What each verb of the command line does, from its words to its printed lines, in a function of its name."""
 
 import os
+import shlex
 import sys
 import warnings
 from argparse import Namespace
@@ -15,6 +16,20 @@ from lagsplat.provenance import set_threads
 FITTED_RUN_KEYS = ("input", "seconds", "frame")
 MOST_SAMPLES = 10_000_000  # samples of a simulation without inputs, at most [count]
 AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
+
+
+def init(given: Namespace) -> None:
+    """Lay down the pipeline in a new folder, and say what to type next."""
+    if len(given.words) != 1 or "=" in given.words[0]:
+        raise CommandError("name one folder that is new or empty: lagsplat init FOLDER")
+    from lagsplat.io.files.pipeline_copy import copy_pipeline
+    from lagsplat.project import PARTS
+
+    folder = copy_pipeline(given.words[0])
+    print(f"{folder}: {', '.join(PARTS)}\nnext:")
+    print(f"  cd {shlex.quote(str(folder))}")
+    print("  snakemake -c2 -n                                            # what would be made")
+    print("  snakemake -c2 results/figures/rollout_rainbow_rocker.pdf    # one system, fitted and drawn")
 
 
 def inspect(given: Namespace) -> None:

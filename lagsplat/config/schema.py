@@ -1,7 +1,6 @@
 """Names and types of everything in ``conf/``: the groups, their choices, and the whole experiment."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
 from lagsplat.chart.config import ChartConfig
@@ -10,13 +9,14 @@ from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
 from lagsplat.matter.config import MatterConfig
+from lagsplat.project import find_project
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.views.config import ViewsConfig
 
-CONF = Path(__file__).resolve().parents[2] / "conf"
+CONF = find_project() / "conf"
 GROUPS = (
     *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "matter", "stage2"),
     "baseline",

@@ -12,12 +12,12 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
 from lagsplat.io.files.atomic import save_json, sha256_of
+from lagsplat.project import find_project
 from lagsplat.provenance import seed_everything, set_threads, stamp
 
 Section = TypeVar("Section")
@@ -37,7 +37,6 @@ class Job:
         self.params, self.wildcards = snakemake.params, snakemake.wildcards
         self.threads: int = snakemake.threads
         self.log_file = str(snakemake.log[0])
-        self.scripts: str = getattr(snakemake, "scriptdir", ".")
         names: dict[str, str] = dict(self.wildcards.items())
         self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
@@ -85,12 +84,12 @@ class Job:
         print(f"{self.rule}: {what}", file=sys.stderr)
 
     def command(self, module: str, *words: object) -> str:
-        """Run ``python -m module words`` of the checkout this workflow stands in; returns what it printed.
+        """Run ``python -m module words`` of the pipeline's own ``benchmarks``; returns what it printed.
 
         Raises:
             RuntimeError: it failed; its last words are in the message, all of them in the log.
         """
-        root = str(next(place for place in Path(self.scripts).parents if (place / "Snakefile").is_file()))
+        root = str(find_project())
         done = subprocess.run(
             [sys.executable, "-m", module, *map(str, words)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])},
