@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent
 
 
 class BuildWithPipeline(build_py):
-    """Copies the folders of the pipeline, which a checkout has once and beside the package, into the package."""
+    """Copies the folders of the pipeline, which a checkout has beside the package, into the package."""
 
     def run(self) -> None:
         """Build the package; an editable one finds the folders of the checkout."""

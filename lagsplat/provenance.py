@@ -63,7 +63,7 @@ def recall(key: str, make: Callable[[], Any]) -> Any:
     """What ``make`` returned for ``key`` before, or now: plain JSON data that depends on ``key`` alone.
 
     Answers are kept between processes in ``.snakemake/`` of the pipeline, since planning a workflow asks for
-    the same ones every time. In an installed package, or where that folder cannot be written, nothing is kept.
+    the same ones every time. Where that lies in an installed package, or cannot be written, nothing is kept.
     """
     store, digest = _answers(), sha256_hex(key.encode())
     if store is None:
@@ -182,9 +182,10 @@ def _is_text(statement: ast.stmt) -> bool:
 def stamp() -> dict[str, Any]:
     """The state of code, libraries and machine at this moment, as plain data.
 
-    ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, where ``version`` alone
-    names the code, and ``dirty`` is then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device``
-    are those of torch where torch is loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
+    ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, where ``version``
+    alone names the code, and ``dirty`` is then None too; ``dirty`` tells whether tracked files differ from the
+    commit. ``threads`` and ``device`` are those of torch where torch is loaded, else None: asking must not load
+    it. ``time_utc`` is ISO 8601.
     """
     import platform
 

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 
-HEADER = """# Exact versions of everything the set-up and the checks use, for Python 3.11. Made by `make lock`; do not edit.
+HEADER = """# Exact versions for the set-up and the checks, under Python 3.11. Made by `make lock`; do not edit.
 # Packages of CUDA are left out: a CUDA build of torch names its own exactly."""
 OF_TORCH = re.compile(r"nvidia-|cuda-|triton$")
 

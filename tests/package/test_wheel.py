@@ -30,7 +30,7 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy: setuptools leaves its files beside the sources, and takes up those it finds there."""
+    """Built from a copy: setuptools leaves files beside the sources, and takes up those it finds there."""
     copy = tmp_path_factory.mktemp("source")
     for name in SOURCES:
         if (ROOT / name).is_dir():
@@ -87,11 +87,11 @@ def test_the_package_says_which_version_it_is(programs: Path, tmp_path: Path) ->
     assert run(programs / "lagsplat", "--version", cwd=tmp_path).strip() == f"lagsplat {__version__}"
     program = (
         "import lagsplat; from lagsplat.provenance import stamp; s = stamp(); "
-        "print(lagsplat.__file__, lagsplat.compose('profile=toy').choices['system'], s['version'], s['commit'])"
+        "print(lagsplat.__file__, lagsplat.compose('profile=toy').seeds, s['version'], s['commit'])"
     )
     file, *told = run(programs / "python", "-c", program, cwd=tmp_path).split()
     assert Path(file).is_relative_to(programs.parent)
-    assert told == ["krauss_2seg", __version__, "None"]
+    assert told == ["[0]", __version__, "None"]
 
 
 def test_the_pipeline_plans_in_a_new_folder(programs: Path, tmp_path: Path) -> None:

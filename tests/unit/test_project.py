@@ -1,4 +1,4 @@
-"""Which pipeline counts: the one that is named, the one that stands here, the one that came with the package."""
+"""Which pipeline counts: the one that is named, the one of this folder, the one of the package."""
 
 import json
 import os
