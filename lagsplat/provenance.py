@@ -183,9 +183,9 @@ def stamp() -> dict[str, Any]:
     """The state of code, libraries and machine at this moment, as plain data.
 
     ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, where ``version``
-    alone names the code, and ``dirty`` is then None too; ``dirty`` tells whether tracked files differ from the
-    commit. ``threads`` and ``device`` are those of torch where torch is loaded, else None: asking must not load
-    it. ``time_utc`` is ISO 8601.
+    alone names the code, and ``dirty`` is then None too; ``dirty`` tells whether tracked files differ from
+    the commit. ``threads`` and ``device`` are those of torch where torch is loaded, else None: asking must
+    not load it. ``time_utc`` is ISO 8601.
     """
     import platform
 

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 
-HEADER = """# Exact versions for the set-up and the checks, under Python 3.11. Made by `make lock`; do not edit.
+HEADER = """# Exact versions for the set-up and the checks, for Python 3.11. Made by `make lock`.
 # Packages of CUDA are left out: a CUDA build of torch names its own exactly."""
 OF_TORCH = re.compile(r"nvidia-|cuda-|triton$")
 

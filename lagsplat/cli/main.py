@@ -115,6 +115,7 @@ VERBS = {
     "view": Verb(
         summary="Push a fitted run in the browser.",
         usage=(
+            "PAGE.html [--no-browser]",
             "FOLDER [--no-browser] [diagnosis=FOLDER] [replay=session.mcap] [out=FOLDER] "
             "[viewer.key=value ...]",
         ),

@@ -12,11 +12,14 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
 from lagsplat.io.files.atomic import save_json, sha256_of
+from lagsplat.io.files.tracking import read_curve, read_scores, track
+from lagsplat.planning.plan import read_overrides, shared_experiment
 from lagsplat.project import find_project
 from lagsplat.provenance import seed_everything, set_threads, stamp
 
@@ -37,6 +40,7 @@ class Job:
         self.params, self.wildcards = snakemake.params, snakemake.wildcards
         self.threads: int = snakemake.threads
         self.log_file = str(snakemake.log[0])
+        self.command_line: dict[str, Any] = dict(getattr(snakemake, "config", {}))
         names: dict[str, str] = dict(self.wildcards.items())
         self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
@@ -63,7 +67,20 @@ class Job:
             return
         if record := dict(self.output.items()).get("record"):
             save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
+        self._track_metrics()
         log.info("%s done in %.1f s", self.rule, seconds)
+
+    def _track_metrics(self) -> None:
+        """Keep the curve or the scores that this job has written where the experiment says."""
+        outputs = dict(self.output.items())
+        for name, read in (("curve", read_curve), ("metrics", read_scores)):
+            if path := outputs.get(name):
+                kind = shared_experiment(read_overrides(self.command_line)).tracking
+                place, settings = str(Path(path).parent), {"seed": self.seed, **self.header["settings"]}
+                try:
+                    track(kind, read(path), run=place, rule=self.rule, settings=settings)
+                except Exception as error:  # of whatever kind a store raises: the result itself is there
+                    self.say(f"tracking={kind}: the metrics were not kept: {error}")
 
     def section(self, schema: type[Section], name: str = "cfg") -> Section:
         """A slice of the configuration that the rule carries as a parameter, typed and checked."""
