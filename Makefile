@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test campaigns scenarios lint types workflow docs lock package
+.PHONY: krauss physical view test campaigns scenarios lint types workflow docs lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -45,6 +45,12 @@ campaigns: .venv/.installed
 
 scenarios: .venv/.installed
 	$(BIN)/python -m pytest --quiet tests/scenarios
+
+# The workflow, and the tables and figures that are there, as an RO-Crate in build/crate.
+crate: .venv/.installed
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[crate]"
+	rm -rf build/crate
+	$(BIN)/python workflow/crate.py build/crate
 
 # The wheel, built and installed in an empty environment, and the pipeline that it lays down.
 package: .venv/.installed
