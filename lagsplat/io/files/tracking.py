@@ -55,7 +55,7 @@ def track(kind: str, rows: Sequence[Row], *, run: str, rule: str, settings: Mapp
     require_tracking(kind)
     points = [(int(row.get("step", 0)), dict(_numbers(row))) for row in rows]
     if kind == "jsonl":
-        _append_lines(points, {"run": run, "rule": rule, "settings": settings})
+        _append_lines(points, {"run": run, "rule": rule}, settings)
     elif kind == "mlflow":
         _log_to_mlflow(points, run, rule, settings)
 
@@ -86,9 +86,14 @@ def _numbers(row: Row) -> Iterator[tuple[str, float]]:
             yield f"{part}{name}", float(value)
 
 
-def _append_lines(points: list[tuple[int, dict[str, float]]], about: Mapping[str, Any]) -> None:
-    when = datetime.now(UTC).isoformat(timespec="seconds")
-    lines = [json.dumps({**about, "time_utc": when, "step": n, "metrics": found}) for n, found in points]
+def _append_lines(
+    points: list[tuple[int, dict[str, float]]], names: Mapping[str, str], settings: Mapping[str, Any]
+) -> None:
+    about = {**names, "time_utc": datetime.now(UTC).isoformat(timespec="seconds")}
+    records = [{**about, "step": step, "metrics": found} for step, found in points]
+    # Once is enough: they are the same in all lines of a stage.
+    records[:1] = [{**first, "settings": settings} for first in records[:1]]
+    lines = [json.dumps(record) for record in records]
     LINES.parent.mkdir(parents=True, exist_ok=True)
     # One write at the end of the file, so that jobs side by side do not mix their lines.
     handle = os.open(LINES, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)

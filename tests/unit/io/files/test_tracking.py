@@ -27,7 +27,7 @@ def test_lines_are_appended_and_whole(here: Path) -> None:
         (rule, step) for rule in ("stage1", "stage2") for step in (12, 24)
     ]
     assert [line["metrics"] for line in lines[:2]] == [{"loss": 0.5}, {"likelihood.loss": 0.25}]
-    assert lines[0]["settings"] == SETTINGS
+    assert [line.get("settings") for line in lines] == [SETTINGS, None] * 2
     assert lines[0]["run"] == "results/toy"
 
 
