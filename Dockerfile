@@ -1,5 +1,5 @@
 # The workflow in a container: `docker build --tag lagsplat .`, then docs/how-to/cluster.md. Debian's Python is the one
-# the package asks for; versions come from pyproject.toml.
+# the lock is for; versions come from requirements/lock.txt.
 FROM debian:bookworm-slim
 
 RUN apt-get update \
@@ -17,8 +17,8 @@ COPY . .
 RUN git config --system --add safe.directory /opt/lagsplat
 RUN python3.11 -m venv /opt/venv \
     && /opt/venv/bin/pip install --no-cache-dir ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} \
-       "$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)" \
-    && /opt/venv/bin/pip install --no-cache-dir --editable ".[$EXTRAS]"
+       --constraint requirements/lock.txt torch \
+    && /opt/venv/bin/pip install --no-cache-dir --constraint requirements/lock.txt --editable ".[$EXTRAS]"
 
 # A container may run as a user without a name or a home, who cannot write to the image: what is kept is in /tmp.
 ENV PATH=/opt/venv/bin:$PATH LOGNAME=lagsplat HOME=/tmp \

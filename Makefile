@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs
+.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -46,11 +46,21 @@ campaigns: .venv/.installed
 # The toy profile on a SLURM cluster of one node; skipped, with the reason, where SLURM is not there. The plugin is not
 # among the extras of the tests, because every start of Snakemake loads it.
 slurm-test: .venv/.installed
-	$(BIN)/python -m pip install --quiet --no-compile --editable ".[cluster]"
+	$(BIN)/python -m pip install --quiet --no-compile --constraint requirements/lock.txt --editable ".[cluster]"
 	$(BIN)/python -m pytest -m campaign -rs tests/workflow/test_slurm.py
 
 scenarios: .venv/.installed
 	$(BIN)/python -m pytest --quiet tests/scenarios
+
+# The workflow, and the tables and figures that are there, as an RO-Crate in build/crate.
+crate: .venv/.installed
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[crate]"
+	rm -rf build/crate
+	$(BIN)/python workflow/crate.py build/crate
+
+# The wheel, built and installed in an empty environment, and the pipeline that it lays down.
+package: .venv/.installed
+	$(BIN)/python -m pytest --quiet tests/package
 
 lint: .venv/.installed
 	$(BIN)/ruff check .
@@ -63,9 +73,21 @@ workflow: .venv/.installed
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
 
+# pyproject.toml gives ranges for whoever installs the package beside others; here every version is exact.
+LOCK := requirements/lock.txt
+
 # torch first, by its pin: whichever build of it is chosen here, nothing that follows replaces it.
-.venv/.installed: pyproject.toml
+.venv/.installed: pyproject.toml $(LOCK)
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --no-compile "$$(sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)"
-	$(BIN)/python -m pip install --quiet --no-compile --editable ".[test]"
+	$(BIN)/python -m pip install --quiet --no-compile "$$(grep '^torch==' $(LOCK))"
+	$(BIN)/python -m pip install --quiet --no-compile --requirement $(LOCK)
+	$(BIN)/python -m pip install --quiet --no-compile --no-deps --editable .
+	$(BIN)/python -m pip check
 	touch $@
+
+# The newest versions within the ranges, into the lock. KEEP="torch==2.13.0 numpy==2.4.6" keeps those.
+KEEP :=
+lock:
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/python requirements/renew.py $(KEEP) > build/lock.txt
+	mv build/lock.txt $(LOCK)

@@ -17,8 +17,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from lagsplat import __version__
+from lagsplat.project import INSTALLED, find_project
+
 PACKAGE = "lagsplat"
-BESIDE = ("benchmarks",)  # folders of modules beside the package whose code makes results, too
+BESIDE = ("benchmarks",)  # folders of modules in the pipeline whose code makes results, too
 ROOT = Path(__file__).resolve().parent
 TEMPLATES = "templates"  # folder of page templates beside a package's `__init__.py`
 MOST_ANSWERS = 20_000
@@ -59,8 +62,8 @@ def sha256_hex(data: bytes) -> str:
 def recall(key: str, make: Callable[[], Any]) -> Any:
     """What ``make`` returned for ``key`` before, or now: plain JSON data that depends on ``key`` alone.
 
-    Answers are kept between processes in ``.snakemake/`` of the checkout, since planning a workflow asks for
-    the same ones every time. Outside a checkout, or where that folder cannot be written, nothing is kept.
+    Answers are kept between processes in ``.snakemake/`` of the pipeline, since planning a workflow asks for
+    the same ones every time. Where that lies in an installed package, or cannot be written, nothing is kept.
     """
     store, digest = _answers(), sha256_hex(key.encode())
     if store is None:
@@ -78,9 +81,10 @@ def recall(key: str, make: Callable[[], Any]) -> Any:
 
 @cache
 def _answers() -> sqlite3.Connection | None:
-    folder = Path(__file__).resolve().parents[1] / ".snakemake"
-    if not (folder.parent / "Snakefile").is_file():
+    project = find_project()
+    if project.name == INSTALLED or not (project / "Snakefile").is_file():
         return None
+    folder = project / ".snakemake"
     try:
         folder.mkdir(exist_ok=True)
         store = sqlite3.connect(folder / "lagsplat-planning.sqlite", timeout=1.0, isolation_level=None)
@@ -99,7 +103,7 @@ def _find_source(root: Path, name: str) -> Path | None:
     head, *rest = name.split(".")
     if head != PACKAGE and head not in BESIDE:
         return None
-    base = (root if head == PACKAGE else root.parent / head).joinpath(*rest)
+    base = (root if head == PACKAGE else find_project() / head).joinpath(*rest)
     module, package = base.with_name(base.name + ".py"), base / "__init__.py"
     if package.is_file():
         return package
@@ -178,9 +182,10 @@ def _is_text(statement: ast.stmt) -> bool:
 def stamp() -> dict[str, Any]:
     """The state of code, libraries and machine at this moment, as plain data.
 
-    ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, and ``dirty`` is
-    then None too; ``dirty`` tells whether tracked files differ from the commit. ``threads`` and ``device``
-    are those of torch where torch is loaded, else None: asking must not load it. ``time_utc`` is ISO 8601.
+    ``commit`` and ``tree``, the content of that commit, are None outside a git checkout, where ``version``
+    alone names the code, and ``dirty`` is then None too; ``dirty`` tells whether tracked files differ from
+    the commit. ``threads`` and ``device`` are those of torch where torch is loaded, else None: asking must
+    not load it. ``time_utc`` is ISO 8601.
     """
     import platform
 
@@ -191,6 +196,7 @@ def stamp() -> dict[str, Any]:
     device = torch.cuda.get_device_name() if loaded and torch.cuda.is_initialized() else "cpu"
     return {
         "package": PACKAGE,
+        "version": __version__,
         "commit": commit,
         "tree": tree,
         "dirty": dirty,

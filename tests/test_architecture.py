@@ -27,6 +27,7 @@ ROOMS = (
     "normal_equations",
     "monomials",
     "setting_checks",
+    "project",
     "provenance",
     "video_quality",
     "io.config",

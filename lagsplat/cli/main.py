@@ -33,6 +33,12 @@ class Verb:
 
 CONFIGURATION = ("KEY=VALUE", "any key of conf/, in Hydra's grammar: stage1.steps=9000 system=rainbow_rocker")
 VERBS = {
+    "init": Verb(
+        summary="Lay down the pipeline in a new folder: Snakefile, settings, rules.",
+        usage=("FOLDER",),
+        keys=(("FOLDER", "new or empty; what stands in it stays as it is"),),
+        example="lagsplat init rocker && cd rocker && snakemake -c2 -n",
+    ),
     "inspect": Verb(
         summary="Describe a recording, a video, a log or a LeRobot dataset, and how to read it.",
         usage=("FILE|FOLDER [key=value ...]",),
@@ -109,6 +115,7 @@ VERBS = {
     "view": Verb(
         summary="Push a fitted run in the browser.",
         usage=(
+            "PAGE.html [--no-browser]",
             "FOLDER [--no-browser] [diagnosis=FOLDER] [replay=session.mcap] [out=FOLDER] "
             "[viewer.key=value ...]",
         ),
@@ -255,9 +262,9 @@ def _run_without_verb(words: list[str]) -> int:
         verb_parser(name, verbs.add_parser(name, help=verb.summary))
     given = parser.parse_args(words)
     if given.version:
-        from importlib.metadata import version
+        from lagsplat import __version__
 
-        print(f"lagsplat {version('lagsplat')}")
+        print(f"lagsplat {__version__}")
     if given.print_completion:
         import shtab
 

@@ -1,9 +1,11 @@
 """What each verb of the command line does, from its words to its printed lines, in a function of its name."""
 
 import os
+import shlex
 import sys
 import warnings
 from argparse import Namespace
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,20 @@ from lagsplat.provenance import set_threads
 FITTED_RUN_KEYS = ("input", "seconds", "frame")
 MOST_SAMPLES = 10_000_000  # samples of a simulation without inputs, at most [count]
 AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
+
+
+def init(given: Namespace) -> None:
+    """Lay down the pipeline in a new folder, and say what to type next."""
+    if len(given.words) != 1 or "=" in given.words[0]:
+        raise CommandError("name one folder that is new or empty: lagsplat init FOLDER")
+    from lagsplat.io.files.pipeline_copy import copy_pipeline
+    from lagsplat.project import PARTS
+
+    folder = copy_pipeline(given.words[0])
+    print(f"{folder}: {', '.join(PARTS)}\nnext:")
+    print(f"  cd {shlex.quote(str(folder))}")
+    print("  snakemake -c2 -n                                            # what would be made")
+    print("  snakemake -c2 results/figures/rollout_rainbow_rocker.pdf    # one system, fitted and drawn")
 
 
 def inspect(given: Namespace) -> None:
@@ -172,14 +188,39 @@ def view(given: Namespace) -> None:
     """Serve a fitted run to the browser."""
     folders = [word for word in given.words if "=" not in word]
     if len(folders) != 1:
-        raise CommandError("name one fitted run: lagsplat view FOLDER [--no-browser] [viewer.port=8080]")
+        raise CommandError(
+            "name one fitted run or page: lagsplat view FOLDER|PAGE.html [--no-browser] [viewer.port=8080]"
+        )
     words, allowed = [word for word in given.words if "=" in word], ("diagnosis", "replay", "out")
     keys, changes = split_words(words, allowed=allowed, settings=("viewer.", "forces."))
+    if folders[0].lower().endswith((".html", ".htm")):
+        show_page(Path(folders[0]).expanduser(), keys | dict.fromkeys(changes), browser=not given.no_browser)
+        return
     from lagsplat.pipelines.view import view as serve
 
     diagnosis, replay, out = (keys.get(name) for name in allowed)
     browser = not given.no_browser
     serve(folders[0], *changes, browser=browser, diagnosis=diagnosis, replay=replay, out=out)
+
+
+def show_page(page: Path, others: Mapping[str, str | None], *, browser: bool) -> None:
+    """Open an exported page, which computes in the browser and needs nothing of this package.
+
+    Raises:
+        CommandError: there are settings besides, which the page does not read.
+        FileNotFoundError: the page is not there.
+    """
+    if others:
+        raise CommandError(
+            f"{page} is a page: {next(iter(others))} has no effect on it; name the run's folder"
+        )
+    if not page.is_file():
+        raise FileNotFoundError(f"{page}: no such page; `lagsplat export FOLDER --html` writes one")
+    print(page.resolve().as_uri())
+    if browser:
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())
 
 
 def export(given: Namespace) -> None:

@@ -1,7 +1,6 @@
 """Names and types of everything in ``conf/``: the groups, their choices, and the whole experiment."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
 from lagsplat.chart.config import ChartConfig
@@ -9,14 +8,16 @@ from lagsplat.diagnose.core.config import BlindConfig, CalibrationConfig, Diagno
 from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
+from lagsplat.io.files.tracking import require_tracking
 from lagsplat.matter.config import MatterConfig
+from lagsplat.project import find_project
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.views.config import ViewsConfig
 
-CONF = Path(__file__).resolve().parents[2] / "conf"
+CONF = find_project() / "conf"
 GROUPS = (
     *("profile", "recording", "system", "simulation", "release", "stage1", "chart", "matter", "stage2"),
     "baseline",
@@ -65,6 +66,7 @@ class Config:
     forecasters: list[str]  # choices of `conf/forecaster` that stand in it
     forecaster_seeds: list[int]  # seeds of the forecasters and of the free differential equation
     seeds: list[int]  # of a run each, for stage 1 and stage 2 alike
+    tracking: str  # where the metrics of runs are kept besides: none, jsonl or mlflow
     choices: dict[str, str]  # name of the file chosen in each group; filled in by :func:`compose`
     system: SystemConfig
     recording: RecordingConfig
@@ -108,6 +110,7 @@ class Config:
                 raise ValueError(f"{key}={seeds} must be distinct integers, none negative, at least one")
         if not self.systems:
             raise ValueError(f"systems=[] leaves nothing to do; choose among {options('system')}")
+        require_tracking(self.tracking)
         self._check_source()
 
     def _check_source(self) -> None:

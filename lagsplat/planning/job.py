@@ -18,6 +18,9 @@ from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
 from lagsplat.io.files.atomic import save_json, sha256_of
+from lagsplat.io.files.tracking import read_curve, read_scores, track
+from lagsplat.planning.plan import read_overrides, shared_experiment
+from lagsplat.project import find_project
 from lagsplat.provenance import seed_everything, set_threads, stamp
 
 Section = TypeVar("Section")
@@ -37,7 +40,7 @@ class Job:
         self.params, self.wildcards = snakemake.params, snakemake.wildcards
         self.threads: int = snakemake.threads
         self.log_file = str(snakemake.log[0])
-        self.scripts: str = getattr(snakemake, "scriptdir", ".")
+        self.command_line: dict[str, Any] = dict(getattr(snakemake, "config", {}))
         names: dict[str, str] = dict(self.wildcards.items())
         self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
@@ -64,7 +67,20 @@ class Job:
             return
         if record := dict(self.output.items()).get("record"):
             save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
+        self._track_metrics()
         log.info("%s done in %.1f s", self.rule, seconds)
+
+    def _track_metrics(self) -> None:
+        """Keep the curve or the scores that this job has written where the experiment says."""
+        outputs = dict(self.output.items())
+        for name, read in (("curve", read_curve), ("metrics", read_scores)):
+            if path := outputs.get(name):
+                kind = shared_experiment(read_overrides(self.command_line)).tracking
+                place, settings = str(Path(path).parent), {"seed": self.seed, **self.header["settings"]}
+                try:
+                    track(kind, read(path), run=place, rule=self.rule, settings=settings)
+                except Exception as error:  # of whatever kind a store raises: the result itself is there
+                    self.say(f"tracking={kind}: the metrics were not kept: {error}")
 
     def section(self, schema: type[Section], name: str = "cfg") -> Section:
         """A slice of the configuration that the rule carries as a parameter, typed and checked."""
@@ -85,12 +101,12 @@ class Job:
         print(f"{self.rule}: {what}", file=sys.stderr)
 
     def command(self, module: str, *words: object) -> str:
-        """Run ``python -m module words`` of the checkout this workflow stands in; returns what it printed.
+        """Run ``python -m module words`` of the pipeline's own ``benchmarks``; returns what it printed.
 
         Raises:
             RuntimeError: it failed; its last words are in the message, all of them in the log.
         """
-        root = str(next(place for place in Path(self.scripts).parents if (place / "Snakefile").is_file()))
+        root = str(find_project())
         done = subprocess.run(
             [sys.executable, "-m", module, *map(str, words)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])},

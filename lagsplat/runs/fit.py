@@ -12,6 +12,7 @@ from typing import Any
 
 from lagsplat.chart.chart import fit_chart, require_trained_autoencoder, save_chart
 from lagsplat.config.schema import Config
+from lagsplat.io.files.tracking import track
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.recording.segments import split_train_held_out
@@ -88,7 +89,7 @@ def fit_run(
         )
         save_views(out / "views.safetensors", views, header)
         novel = views.first(train.n_frames)
-    autoencoder, _ = fit_autoencoder(
+    autoencoder, curve = fit_autoencoder(
         train.frames,
         experiment.stage1,
         seed=seed,
@@ -120,5 +121,8 @@ def fit_run(
     for warning in report.warnings:
         log.warning("%s", warning)
     save_dynamics(out / "dynamics.safetensors", lagrangian, header, report)
+    curves = {"stage1": [point._asdict() for point in curve], "stage2": [asdict(row) for row in report.curve]}
+    for rule, rows in curves.items():
+        track(experiment.tracking, rows, run=str(out), rule=rule, settings=asdict(experiment))
     checkpoint.unlink(missing_ok=True)
     return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)

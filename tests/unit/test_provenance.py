@@ -159,7 +159,7 @@ def test_stamp_tells_commit_versions_and_threads(repository: Path) -> None:
 
 def test_stamp_outside_git(repository: Path, tmp_path: Path) -> None:
     (tmp_path / "lagsplat").mkdir()
-    for name in ("__init__.py", "provenance.py"):
+    for name in ("__init__.py", "project.py", "provenance.py"):
         shutil.copy(repository / "lagsplat" / name, tmp_path / "lagsplat")
     # A checkout that does not track the copy says nothing about it either.
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)

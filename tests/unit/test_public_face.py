@@ -29,6 +29,23 @@ def test_importing_takes_a_moment() -> None:
     assert min(float(run(program)) for _ in range(3)) < 0.3
 
 
+@pytest.mark.parametrize(
+    "module", ["lagsplat.pipelines.diagnosis", "lagsplat.pipelines.diagnose_data", "lagsplat.io.read"]
+)
+def test_a_diagnosis_of_trajectories_loads_no_torch(module: str) -> None:
+    assert run(f"import sys, {module}; print('torch' in sys.modules)") == "False"
+
+
+def test_a_page_is_shown_without_torch(tmp_path: Path) -> None:
+    page = tmp_path / "run.html"
+    page.write_text("<p>")
+    program = (
+        "import sys; from lagsplat.cli.main import main; "
+        f"assert main(['view', {str(page)!r}, '--no-browser']) == 0; print('torch' in sys.modules)"
+    )
+    assert run(program).splitlines() == [page.as_uri(), "False"]
+
+
 def test_the_names_are_sorted_and_all_there() -> None:
     assert lagsplat.__all__ == sorted(lagsplat._HOMES)
     assert set(lagsplat.__all__) <= set(dir(lagsplat))

@@ -2,6 +2,10 @@ from dataclasses import asdict, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 
+from lagsplat.project import use_project
+
+PIPELINE = use_project(workflow.basedir)  # before the settings in it are looked for
+
 from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.config.compose import ConfigError
 from lagsplat.config.schema import options
@@ -64,7 +68,7 @@ wildcard_constraints:
     real="held_out|" + "|".join(experiment.planted.effects),
 
 
-SCRIPTS = Path(workflow.basedir) / "workflow" / "scripts"
+SCRIPTS = PIPELINE / "workflow" / "scripts"
 
 
 def choices(wildcards):

@@ -203,6 +203,7 @@ def _list_provenance(stamp: Mapping[str, Any]) -> list[tuple[str, str]]:
     changed = " with changes that are not committed" if commit and stamp.get("dirty") else ""
     versions = {"python": stamp.get("python"), **(stamp.get("versions") or {})}
     rows = {
+        "version": str(stamp.get("version") or ""),
         "commit": f"{commit}{changed}",
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
         "made": str(stamp.get("time_utc") or ""),

@@ -177,6 +177,8 @@ def test_help_is_the_whole_grammar(capsys: pytest.CaptureFixture[str]) -> None:
         (["fit", "system=toy"], "out=... is missing"),
         (["fit", "out=a", "stage1.stepz=3"], "did you mean 'steps'"),
         (["evaluate", "run=a"], "out=... is missing"),
+        (["view", "gone.html"], "gone.html: no such page; `lagsplat export"),
+        (["view", "run.html", "viewer.port=8081"], "run.html is a page: viewer.port=8081 has no effect"),
         (["evaluate", "run=nowhere", "out=m.json"], "no recording.safetensors"),
         (
             ["simulate", "run=a", "out=q.csv", "stage2.steps=3"],

@@ -13,6 +13,7 @@ from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
 
 from lagsplat.config.compose import compose
 from lagsplat.io.config import RecordingConfig, SplitConfig
+from lagsplat.io.files.tracking import LINES
 from lagsplat.planning.job import Job
 
 
@@ -94,3 +95,32 @@ def test_a_section_is_typed_again(tmp_path: Path) -> None:
     assert isinstance(section.split, SplitConfig)
     assert asdict(section) == values
     assert job.choice(RecordingConfig, "other") is None
+
+
+@pytest.mark.parametrize(("asked", "kept"), [("tracking=jsonl", ["0.5", "0.25"]), ("profile=toy", [])])
+def test_a_job_tracks_its_curve_where_the_experiment_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str, kept: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = context(tmp_path)
+    given.config = {"hydra": asked}
+    given.output = OutputFiles(fromdict={"curve": str(tmp_path / "curve.csv")})
+    with Job(given):
+        (tmp_path / "curve.csv").write_text("step,loss\n12,0.5\n24,0.25\n")
+    lines = tmp_path / LINES
+    found = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+    assert [str(line["metrics"]["loss"]) for line in found] == kept
+    assert all((line["run"], line["rule"]) == (str(tmp_path), "stage1") for line in found)
+
+
+def test_a_store_that_fails_costs_no_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").write_text("a file where the folder should be")
+    given = context(tmp_path)
+    given.config = {"hydra": "tracking=jsonl"}
+    given.output = OutputFiles(fromdict={"curve": str(tmp_path / "curve.csv")})
+    with Job(given):
+        (tmp_path / "curve.csv").write_text("step,loss\n12,0.5\n")
+    assert "tracking=jsonl: the metrics were not kept: " in capsys.readouterr().err

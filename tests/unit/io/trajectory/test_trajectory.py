@@ -80,9 +80,10 @@ def test_every_kind_of_file_holds_the_same_motion(tmp_path: Path) -> None:
     np.savez(tmp_path / "b.npz", t=columns["t"], segment=columns["segment"], **blocks)
     for name in ("a.csv", "a.parquet", "b.parquet", "a.npz", "b.npz"):
         motion = read_trajectory_file(tmp_path / name)
-        np.testing.assert_array_equal(motion.time_s, frame["t"])
+        # to two units of the last binary digit, by which pandas 2 may miss a number in a text
+        np.testing.assert_array_almost_equal_nulp(motion.time_s, frame["t"].to_numpy(), nulp=2)
         for letter in "qvu":
-            np.testing.assert_array_equal(getattr(motion, letter), blocks[letter])
+            np.testing.assert_array_almost_equal_nulp(getattr(motion, letter), blocks[letter], nulp=2)
         assert motion.segments == ((0, 8), (8, 20))
         assert (motion.q_names, motion.u_names, motion.source) == (("q0", "q1"), ("u0", "u1"), name)
 
@@ -188,7 +189,7 @@ def test_cuts_keep_every_sample_and_never_mind_the_order(case: tuple[int, set[in
     n, one, other = case
     motion = Trajectory(time_s=np.arange(n) + 1.0, q=np.arange(2 * n).reshape(n, 2), u=np.zeros((n, 0)))
     both = motion.cut(sorted(one | other))
-    assert both == both.cut([]) or both.segments == both.cut([]).segments
+    assert both.segments == both.cut([]).segments
     assert both.segments == motion.cut(sorted(one)).cut(sorted(other)).segments
     assert [start for start, _ in both.segments] == sorted({0} | one | other)
     np.testing.assert_array_equal(np.concatenate([clip.q for clip in both.clips()]), motion.q)

@@ -90,7 +90,8 @@ def test_a_drag_still_pushes_after_hostile_messages(live) -> None:
         time.sleep(0.3)
         send(client, *(dragged(phase, grab, tip) for phase in ("start", "update")))
         end = time.monotonic() + 10.0
-        while live.session.active_grasp is None and time.monotonic() < end:
+        # the grasp begins without a force; the drag that follows gives it one
+        while not ((grasp := live.session.active_grasp) and grasp.force.any()) and time.monotonic() < end:
             time.sleep(0.02)
         np.testing.assert_allclose(live.session.active_grasp.grasp_point.at, (16.0, 8.0), atol=1e-6)
         np.testing.assert_allclose(
