@@ -25,7 +25,7 @@ def inspect(given: Namespace) -> None:
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    from lagsplat.io.mcap.recording import survey_mcap
+    from lagsplat.io.mcap.survey import survey_mcap
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
     from lagsplat.io.recording.segments import split_train_held_out

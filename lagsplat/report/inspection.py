@@ -15,7 +15,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.free_motion import find_free_segments
 from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.mcap.recording import McapSurvey, TopicSummary
+from lagsplat.io.mcap.survey import McapSurvey, TopicSummary
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.proposal import IMAGE_MODEL, propose_settings
 
