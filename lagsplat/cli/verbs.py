@@ -25,6 +25,7 @@ def inspect(given: Namespace) -> None:
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
+    from lagsplat.io.mcap.storage import is_log
     from lagsplat.io.mcap.survey import survey_mcap
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
@@ -32,7 +33,7 @@ def inspect(given: Namespace) -> None:
     from lagsplat.pipelines.steps import reading_overrides
     from lagsplat.report import inspection
 
-    if path.suffix == ".mcap":
+    if is_log(path):
         print(inspection.describe_mcap(survey_mcap(path)))
         if not any(word.startswith("recording.mcap.camera=") for word in words):
             return

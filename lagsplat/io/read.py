@@ -1,4 +1,4 @@
-"""Read a recording from its settings, or a trajectory from a table or a session's MCAP file."""
+"""Read a recording from its settings, or a trajectory from a table, a robot's log or a session."""
 
 import os
 from collections.abc import Mapping
@@ -9,7 +9,9 @@ from lagsplat.io.config import RecordingConfig
 from lagsplat.io.files.download import fetch_member
 from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.mcap.recording import read_mcap
-from lagsplat.io.mcap.write import read_session_motion
+from lagsplat.io.mcap.storage import is_log
+from lagsplat.io.mcap.trajectory import read_log_trajectory
+from lagsplat.io.mcap.write import is_session, read_session_motion
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
 from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
@@ -72,9 +74,10 @@ def _read_krauss(config: RecordingConfig) -> Recording:
 
 
 def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] | None = None) -> Trajectory:
-    """Read a trajectory from CSV, Parquet, NPZ or MATLAB, or from a session's MCAP.
+    """Read a trajectory from CSV, Parquet, NPZ or MATLAB, an MCAP file, a ROS 2 bag or a saved session.
 
-    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`.
+    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`; of a log to the numbers
+    in its messages, ``TOPIC.FIELD``, as in `read_log_trajectory`.
 
     Example:
         >>> import lagsplat
@@ -82,6 +85,8 @@ def read_trajectory(path: str | os.PathLike[str], *, columns: Mapping[str, str] 
         >>> trajectory.q_names, trajectory.u_names
         (('q0',), ('u0',))
     """
-    if os.fspath(path).lower().endswith(".mcap"):
-        return read_session_motion(path)
+    path = Path(path).expanduser()
+    if is_log(path):
+        is_saved = path.suffix.lower() == ".mcap" and is_session(path)
+        return read_session_motion(path) if is_saved else read_log_trajectory(path, columns=columns)
     return read_trajectory_file(path, columns=columns)

@@ -27,7 +27,13 @@ from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
 from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
-from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, read_sources
+from lagsplat.diagnose.simulators.sources import (
+    VIDEO_KINDS,
+    DataSource,
+    find_sources,
+    prefer_numbers,
+    read_sources,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 
@@ -147,7 +153,7 @@ def _read_sides(
     show_checks: Callable[[DataCheck], None],
     show_fit: Callable[[str], None],
 ) -> _Sides:
-    sims = find_sources(sim)
+    sims = prefer_numbers(find_sources(sim), config.columns)
     of_film: tuple[Finding, ...] = ()
     if any(source.kind in VIDEO_KINDS for source in sims):
         from lagsplat.pipelines import film_runs  # torch, which the other sims do without

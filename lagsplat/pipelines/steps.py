@@ -24,6 +24,7 @@ from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
+from lagsplat.io.mcap.storage import is_log
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
@@ -45,7 +46,7 @@ def reading_overrides(path: Path) -> list[str]:
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
-    if path.suffix == ".mcap":
+    if is_log(path):
         return [*source, "recording.kind=mcap"]
     if path.suffix != ".npz":
         return [*source, "recording.kind=video", "recording.n_inputs=0", "recording.dt_s=null"]
@@ -55,7 +56,7 @@ def reading_overrides(path: Path) -> list[str]:
 
 
 def read_recording(path: PathLike, *overrides: str) -> Recording:
-    """Read a video, a folder of images, an archive, an MCAP log or a ``recording.safetensors``.
+    """Read a video, a folder of images, an archive, a robot's log or a ``recording.safetensors``.
 
     Args:
         path: The file or folder.

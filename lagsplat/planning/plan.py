@@ -281,7 +281,7 @@ def files_of(overrides: Overrides, **choices: str) -> list[str]:
 def _list_files(recording: RecordingConfig) -> list[str]:
     if recording.path is None:
         return []
-    if recording.kind != "video":
+    if recording.kind not in ("video", "mcap"):
         return [str(Path(recording.path).expanduser())]
     try:
         return [str(file) for clip in find_clips(recording.path) for file in clip.files]

@@ -5,8 +5,10 @@ missing: the reader of the library `rosbags` opens whole databases only. The for
 rosbag2's plug-in ``sqlite3``; definitions of the messages are in a table since ROS 2 Iron.
 """
 
+import os
 import shutil
 import sqlite3
+import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
@@ -16,6 +18,8 @@ from mcap.records import Channel, Message, Schema
 
 from lagsplat.io.files.atomic import StrPath
 
+MAGIC = b"SQLite format 3\0"
+PAGE_SIZE = struct.Struct(">16sH")  # the beginning of a database: the magic, and the bytes of a page
 JOURNALS = ("-wal", "-journal")  # what a recorder that was killed had not yet put into the database
 
 ROWS = """
@@ -59,14 +63,29 @@ def _open(path: Path) -> Iterator[sqlite3.Connection]:
     journals = [file for file in journals if file.is_file() and file.stat().st_size]
     with tempfile.TemporaryDirectory() as folder:
         address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
-        if journals:
+        torn = _bytes_of_torn_page(path)
+        if journals or torn:
             for file in (path, *journals):
                 shutil.copyfile(file, Path(folder) / file.name)
-            address = (Path(folder) / path.name).as_uri()
+            copy = Path(folder) / path.name
+            # SQLite takes what is missing of a page for zeros, and so messages for others.
+            os.truncate(copy, copy.stat().st_size - torn)
+            address = copy.as_uri()
         with closing(sqlite3.connect(address, uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # SQLite then opens a file that is cut short
             yield database
+
+
+def _bytes_of_torn_page(path: Path) -> int:
+    """How many bytes the file has after its last whole page."""
+    with path.open("rb") as file:
+        head = file.read(PAGE_SIZE.size)
+    if len(head) < PAGE_SIZE.size:
+        return 0
+    magic, size = PAGE_SIZE.unpack(head)
+    page = 65536 if size == 1 else size
+    return path.stat().st_size % page if magic == MAGIC and page else 0
 
 
 def _read_topics(path: Path, database: sqlite3.Connection) -> tuple[dict[int, Schema], dict[int, Channel]]:

@@ -1,8 +1,8 @@
-"""Read the messages of a robot's log whatever stores them: an MCAP file, an SQLite file, or a ROS 2 bag of these.
+"""Read the messages of a robot's log, whatever stores them: an MCAP file, an SQLite file, or a ROS 2 bag.
 
-A bag is a folder that a recorder made: ``metadata.yaml`` and one file, or several after a split. Its messages,
-or its files, may be compressed by zstd. What is missing or damaged is reported and the rest is read, so that a
-recorder that was killed loses its last messages only.
+A bag is a folder that a recorder made: ``metadata.yaml`` and a file, or several after a split. Its messages
+or its files may be compressed by zstd. What is missing or damaged is reported and the rest is read, so that
+a recorder that was killed loses its last messages only.
 """
 
 import re
@@ -60,8 +60,8 @@ def list_log_files(path: StrPath, losses: list[str] | None = None) -> tuple[Path
     files = [path / name for name in named if name not in missing] or inside
     if not files:
         raise FileNotFoundError(
-            f"{path}: no file of this bag is there, neither {', '.join(named) or 'one that ends in .db3'} nor "
-            f"another ({', '.join(READERS)}); copy the whole folder of the bag"
+            f"{path}: no file of this bag is there ({', '.join(named) or ' or '.join(READERS)}); copy the "
+            "whole folder of the bag"
         )
     return tuple(files)
 
@@ -107,10 +107,10 @@ def _files_inside(folder: Path) -> list[Path]:
     if not (folder / METADATA).is_file():
         # Without metadata, MCAP files may be logs that have nothing to do with one another.
         own = re.compile(re.escape(folder.name) + r"(_\d+)?\.mcap", re.IGNORECASE)
-        own_name = [own.fullmatch(file.name.removesuffix(ZSTD)) is not None for file in files]
-        is_sqlite = [_storage_of(file) == ".db3" for file in files]
         files = [
-            file for file, mine, sqlite in zip(files, own_name, is_sqlite, strict=True) if mine or sqlite
+            file
+            for file in files
+            if _storage_of(file) == ".db3" or own.fullmatch(file.name.removesuffix(ZSTD))
         ]
     numbers = {file: [int(part) for part in re.findall(r"\d+", file.name)] for file in files}
     return sorted(files, key=lambda file: (numbers[file], file.name))
@@ -181,7 +181,5 @@ def _decompressed(path: Path, losses: list[str]) -> Iterator[Path]:
                 if not decompressor.eof:
                     losses.append("the compressed file is cut short")
             if not file.tell():
-                raise ValueError(
-                    f"{path}: nothing of it can be decompressed by zstd; copy or record it again"
-                )
+                raise ValueError(f"{path}: zstd can decompress nothing of it; copy or record it again")
         yield plain

@@ -84,6 +84,16 @@ def survey_mcap(path: StrPath) -> McapSurvey:
     return McapSurvey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
 
 
+def has_images(path: StrPath) -> bool:
+    """Whether a topic of the log at ``path`` holds images.
+
+    Raises:
+        FileNotFoundError, ValueError: as `read_messages`.
+    """
+    schemas = (schema for schema, _, _ in read_messages(path, []) if schema is not None)
+    return any(image_kind(schema.name) is not None for schema in schemas)
+
+
 def _look(topic: TopicSummary, message: Any, first: dict[tuple[str, str], float]) -> None:
     topic.header_ns.append(messages.read_stamp_ns(message))
     if topic.picture is not None:

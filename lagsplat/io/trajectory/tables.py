@@ -15,6 +15,8 @@ import pandas as pd
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
+from lagsplat.io.config import CLOCKS
+
 TIME, SEGMENT, NUMBER = "t", "segment", "(0|[1-9][0-9]*)"
 STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
 USUAL = {
@@ -70,6 +72,7 @@ class Table:
 def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
     """Rename the columns to the standard names; ``columns`` maps these to the file's own.
 
+    An entry that names a topic or a clock of a log is for another file where this one has the standard name.
     Columns of other names are dropped, with a warning that lists them.
 
     Raises:
@@ -77,6 +80,7 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
             message lists the columns found and proposes the nearest setting.
     """
     found = list(table.columns)
+    columns = {name: own for name, own in columns.items() if name not in found or not _is_of_log(own, found)}
     for name, own in columns.items():
         if not _is_standard(name):
             raise ValueError(f"diagnose.columns names {name!r}; only {STANDARD} are known")
@@ -117,6 +121,11 @@ def count_names(table: Table, letter: str) -> tuple[str, ...]:
 
 def _is_standard(name: str) -> bool:
     return name in (TIME, SEGMENT) or re.fullmatch(f"[quv]{NUMBER}", name) is not None
+
+
+def _is_of_log(own: str, found: Sequence[str]) -> bool:
+    """Whether a table's ``own`` name of a column is none of those found, but that of a topic or a clock."""
+    return own not in found and (own.startswith("/") or own in CLOCKS)
 
 
 def _proposal(found: list[str]) -> str:
