@@ -70,15 +70,15 @@ VERBS = {
         keys=(
             (
                 "sim=SIM",
-                "trajectories, a fitted run, a film, a MuJoCo .xml, or file.py:attribute; required.",
+                "trajectories, a fitted run, a film, a MuJoCo .xml or a .urdf, or file.py:attribute; required.",
             ),
             ("", "A run is fitted to a film first, at profile quick, and kept: minutes to an hour, once."),
             ("", "A .py file runs as a program of yours: name none that you would not run"),
             (
                 "real=FILES",
-                "trajectories (CSV, Parquet, NPZ, MAT, MCAP) or a recording; held_out for a run's own;",
+                "trajectories (CSV, Parquet, NPZ, MAT, MCAP, ROS 2 bags) or a recording; held_out for a",
             ),
-            ("", "required"),
+            ("", "run's own; required"),
             ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.film_d=2: two coordinates"),
         ),
@@ -90,7 +90,7 @@ VERBS = {
         keys=(
             ("diagnosis=FILE", "the diagnosis.json; required"),
             ("out=FILE", "the augmented simulator; required"),
-            ("sim=SIM", "a MuJoCo .xml, file.py:attribute or a run; the diagnosed simulator if left out"),
+            ("sim=SIM", "a MuJoCo .xml or .urdf, file.py:attribute or a run; the diagnosed sim if left out"),
             ("diagnose.joints=...", "joints of the MuJoCo model, in order: [a,b]"),
             ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
         ),

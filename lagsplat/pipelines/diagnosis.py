@@ -311,7 +311,7 @@ def write_mujoco_patch(
     sim: str, out: Path, augmented: AugmentedSimulator, diagnosis: Diagnosis, config: DiagnoseConfig
 ) -> Diagnosis:
     """Write a MuJoCo sim's file with the effects that MuJoCo can express; ``checks`` lists them."""
-    if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not augmented.effects:
+    if Path(sim).suffix.lower() not in (".xml", ".mjcf", ".urdf") or not augmented.effects:
         return diagnosis
     from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
 

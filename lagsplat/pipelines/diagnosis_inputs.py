@@ -26,7 +26,7 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
-from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import check_urdf, find_position_targets, load_mujoco
 from lagsplat.diagnose.simulators.sources import (
     VIDEO_KINDS,
     DataSource,
@@ -179,6 +179,8 @@ def _read_sides(
         if not models:
             nominal = read_sources(sims, columns=config.columns)
         checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
+        if models and models[0].kind == "mujoco":
+            checked = replace(checked, findings=(*check_urdf(Path(models[0].path)), *checked.findings))
     show_checks(checked)
     return _Sides(sim, models, nominal, recordings, checked)
 
@@ -218,10 +220,12 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
     targets = _find_targets(sides.models, motions[0], config)
     motors = find_motors(chosen, np.concatenate([motion.q for motion in motions]))
     lacking = [name for i, name in enumerate(chosen.joints) if i not in motors]
-    if targets or lacking:
+    if targets or lacking or chosen.followers:
         why = f"{', '.join(targets)} is a position target and no torque"
         if lacking:
             why = f"no motor with a logged torque drives {', '.join(lacking)} alone"
+        if chosen.followers:
+            why = "other joints follow them by an equality"
         warnings.warn(
             f"{path.name}: its {motions[0].d} joints are diagnosed as one, which takes long, because {why}; "
             "log the torque of each joint, or name fewer joints with diagnose.joints=[...]",

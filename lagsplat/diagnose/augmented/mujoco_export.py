@@ -1,4 +1,4 @@
-"""Effects of a diagnosis written into a MuJoCo model file.
+"""Effects of a diagnosis written into a MuJoCo model file; that of a URDF becomes an MJCF.
 
 Each effect says itself which element of MuJoCo is its counterpart (`Effect.mujoco`) and changes it through a
 `MujocoElement`. A generalised force of a diagnosis is an acceleration times the reference inertia of its
@@ -134,7 +134,7 @@ def patch_augmented(
     selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators)
     mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
     mass = mass if inertia is None else np.array([[inertia]])
-    spec = mujoco_model.require_mujoco().MjSpec.from_file(str(path))
+    spec = mujoco_model.load_spec(path)
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):
         along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
@@ -169,6 +169,8 @@ def patch_augmented(
         raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {changes}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(spec.to_xml(), encoding="utf-8")
+    if path.suffix.lower() == mujoco_model.URDF:
+        changed.append(f"{out.name} is an MJCF, as a URDF has no place for all that MuJoCo simulates")
     return tuple(changed)
 
 

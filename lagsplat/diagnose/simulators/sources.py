@@ -169,8 +169,10 @@ def _classify(path: Path) -> DataSource:
         except zipfile.BadZipFile as error:
             raise ValueError(f"{path}: damaged or not an NPZ archive ({error}); write it again") from error
         return DataSource("krauss" if has_images else "trajectory", name)
-    if suffix == ".xml":
+    if suffix in (".xml", ".urdf"):
         return DataSource("mujoco", name)
+    if suffix == ".xacro":
+        raise ValueError(f"{path}: holds macros; expand them first: xacro {path.name} > robot.urdf")
     if suffix == ".py":
         raise ValueError(f"{path}: a program; name what in it is the simulator, as {path}:NAME")
     if suffix == ".safetensors":
@@ -180,7 +182,8 @@ def _classify(path: Path) -> DataSource:
         return DataSource("recording" if kind == "recording" else "model", name)
     raise ValueError(
         f"{path}: {suffix or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
-        f"video ({', '.join(VIDEOS)}), a ROS 2 bag, a fitted run, a MuJoCo model (.xml) nor module:attribute"
+        f"video ({', '.join(VIDEOS)}), a ROS 2 bag, a fitted run, a MuJoCo model (.xml, .urdf) nor "
+        "module:attribute"
     )
 
 

@@ -22,8 +22,8 @@ class VideoClip:
 
     path: Path
     images: tuple[Path, ...] = ()  # in order; empty for a video
-    parts: tuple[Path, ...] = ()  # files of a bag whose camera it is, in order
     times: Path | None = None  # table of the times of images, if any
+    parts: tuple[Path, ...] = ()  # files of a bag whose camera it is, in order
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -47,7 +47,7 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such file or folder; check recording.path")
     if is_log(path):
-        return (VideoClip(path, parts=list_log_files(path)),)
+        return (VideoClip(Path(path), parts=list_log_files(path)),)
     files = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
     visible = [file for file in files if not file.name.startswith(".")]
     films = [file for file in visible if file.suffix.lower() in VIDEO_SUFFIXES]
