@@ -70,7 +70,7 @@ VERBS = {
         keys=(
             (
                 "sim=SIM",
-                "trajectories, a fitted run, a film, a MuJoCo .xml or a .urdf, or file.py:attribute; required.",
+                "trajectories, a fitted run, a film, a MuJoCo .xml, a .urdf, or file.py:attribute; required.",
             ),
             ("", "A run is fitted to a film first, at profile quick, and kept: minutes to an hour, once."),
             ("", "A .py file runs as a program of yours: name none that you would not run"),

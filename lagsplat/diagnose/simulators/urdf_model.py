@@ -57,7 +57,7 @@ def _suggest(problem: str) -> str:
         return "give every link that moves an <inertial> with a mass"
     if "free joint" in problem:
         return "a floating joint may hang from the root link alone; make it fixed, or give an MJCF"
-    if "mesh" in problem.lower() or "STL" in problem:
+    if any(word in problem for word in ("mesh", "vertices", "STL", "OBJ")):
         return "replace the mesh by a whole one, or by a box or a cylinder"
     return "correct the file, or give an MJCF"
 
