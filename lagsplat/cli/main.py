@@ -93,6 +93,7 @@ VERBS = {
             ("sim=SIM", "a MuJoCo .xml or .urdf, file.py:attribute or a run; the diagnosed sim if left out"),
             ("diagnose.joints=...", "joints of the MuJoCo model, in order: [a,b]"),
             ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
+            ("diagnose.parameters=FILE", "YAML of mujoco.sysid whose values replace the MuJoCo model's"),
         ),
         example="lagsplat apply diagnosis=diagnosis/diagnosis.json out=augmented.safetensors",
     ),
@@ -123,14 +124,15 @@ VERBS = {
         example="lagsplat view run viewer.port=8081",
     ),
     "export": Verb(
-        summary="Write a fitted run as one web page, as a log for Foxglove, or as Gaussians.",
+        summary="Write a fitted run as a page, a log or Gaussians, or a diagnosis for mujoco.sysid.",
         usage=(
             "FOLDER --html [out=run.html]",
             "FOLDER --mcap [out=run.mcap] [key=value ...]",
             "FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]",
+            "DIAGNOSIS --sysid [out=FOLDER]",
         ),
         keys=(
-            ("out=FILE", "what is written; run.html, run.mcap or run.ply in the run's folder if left out"),
+            ("out=FILE", "what is written; run.html, run.mcap, run.ply or sysid in the folder if left out"),
             ("frame=N", "with --ply: the state of this frame; the rest state if left out"),
             ("q=Q0,Q1,...", "with --ply: this whitened state"),
             ("KEY=VALUE", "with --mcap evaluate.KEY, with --html any key of conf/"),
@@ -139,6 +141,10 @@ VERBS = {
             ("--html", "one page that is pushed without a server"),
             ("--mcap", "a log with images and states"),
             ("--ply", "one state, for viewers of Gaussians"),
+            (
+                "--sysid",
+                "recordings and changed parameters of a diagnosis, for MuJoCo's identification toolbox",
+            ),
         ),
         example="lagsplat export run --html out=run.html",
     ),

@@ -214,7 +214,7 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
     if not sides.models or sides.models[0].kind != "mujoco" or motions[0].d <= config.max_coupled:
         return ()
     path = Path(sides.models[0].path)
-    chosen = load_mujoco(path, joints=config.joints, actuators=config.actuators)
+    chosen = load_mujoco(path, **config.model_choice)
     if (len(chosen.joints), len(chosen.actuators)) != (motions[0].d, motions[0].n_u):
         return ()  # refused with both numbers where all are opened as one
     targets = _find_targets(sides.models, motions[0], config)
@@ -265,7 +265,7 @@ def _find_targets(
     """
     found: dict[str, str] = {}
     if models and models[0].kind == "mujoco":
-        chosen = load_mujoco(Path(models[0].path), joints=config.joints, actuators=config.actuators)
+        chosen = load_mujoco(Path(models[0].path), **config.model_choice)
         found |= {motion.u_names[j]: motion.q_names[i] for j, i in find_position_targets(chosen)}
     own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
     for q_name in motion.q_names:
@@ -303,7 +303,7 @@ def _open_simulator(
     period_s = estimate_spectral_period_s(checked.real.motions)
     ready = prepare_dataset((*checked.real.motions, *nominal), period_s=period_s)
     region = sample_operating_region(ready.dataset)
-    sampled = sample_simulator(models[0].path, region, joints=config.joints, actuators=config.actuators)
+    sampled = sample_simulator(models[0].path, region, **config.model_choice)
     given = EstimatedSimulator.exact(sampled.model)
     if not nominal:
         return given, None

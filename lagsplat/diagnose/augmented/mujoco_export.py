@@ -117,12 +117,14 @@ def patch_augmented(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
     inertia: float | None = None,
 ) -> tuple[str, ...]:
     """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
 
     Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
-    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what a simulator of a single
+    ``actuators`` are the coordinates and inputs, by default all, ``parameters`` a file of `mujoco.sysid`
+    whose values the simulator has in place of the file's. ``inertia`` is what a simulator of a single
     coordinate counts forces in, where that is not the file's inertia at rest.
 
     Raises:
@@ -131,10 +133,10 @@ def patch_augmented(
     directions = [placed.direction for placed in simulator.effects if placed.direction is not None]
     if any(np.count_nonzero(direction.covector) > 1 for direction in directions):
         return ()  # between two joints
-    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators)
+    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
     mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
     mass = mass if inertia is None else np.array([[inertia]])
-    spec = mujoco_model.load_spec(path)
+    spec = mujoco_model.load_spec(path, parameters)
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):
         along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))

@@ -17,6 +17,7 @@ import numpy as np
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
+from lagsplat.diagnose.simulators.sysid_parameters import apply_sysid_parameters
 from lagsplat.diagnose.simulators.urdf_model import load_urdf
 
 URDF = ".urdf"
@@ -76,22 +77,28 @@ def require_mujoco() -> Any:
     return mujoco
 
 
-def load_spec(path: Path) -> Any:
+def load_spec(path: Path, parameters: str | None = None) -> Any:
     """The MuJoCo specification of a model file or a URDF, not compiled.
+
+    ``parameters`` is a file of `mujoco.sysid` whose values replace the model's own.
 
     Raises:
         FileNotFoundError: no such file.
-        ValueError: MuJoCo cannot read it or is not installed.
+        ValueError: MuJoCo cannot read it or is not installed, or a parameter is none of the model.
     """
     mujoco = require_mujoco()
     if path.suffix.lower() == URDF:
-        return load_urdf(path, mujoco)[0]
-    if not path.is_file():
+        spec, _ = load_urdf(path, mujoco)
+    elif not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; check the path")
-    try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
+    else:
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+        except ValueError as error:
+            raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
+    if parameters is not None:
+        apply_sysid_parameters(path, spec, Path(parameters).expanduser(), mujoco=mujoco)
+    return spec
 
 
 def check_urdf(path: Path) -> tuple[Finding, ...]:
@@ -104,11 +111,16 @@ def check_urdf(path: Path) -> tuple[Finding, ...]:
 
 
 def load_mujoco(
-    path: Path, *, joints: Sequence[str] | None = None, actuators: Sequence[str] | None = None
+    path: Path,
+    *,
+    joints: Sequence[str] | None = None,
+    actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> MujocoSelection:
     """Load a model file with its joints and actuators, by default all hinges, slides and actuators in order.
 
-    Joints that follow others by a linear equality are coordinates only where they are named.
+    Joints that follow others by a linear equality are coordinates only where they are named. ``parameters``
+    is as of `load_spec`.
 
     Raises:
         FileNotFoundError: no such file.
@@ -116,7 +128,7 @@ def load_mujoco(
         or no joint is left.
     """
     mujoco = require_mujoco()
-    spec = load_spec(path)
+    spec = load_spec(path, parameters)
     try:
         model = spec.compile()
     except ValueError as error:
@@ -191,16 +203,18 @@ def project_mujoco(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> ProjectedModel:
     """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
-    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all).
+    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all),
+    ``parameters`` is as of `load_spec`.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
     """
-    chosen = load_mujoco(path, joints=joints, actuators=actuators)
+    chosen = load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
     counted = (("joints", chosen.joints, region.d, "q"), ("actuators", chosen.actuators, region.n_u, "u"))
     for what, names, n, letter in counted:
         if len(names) != n:

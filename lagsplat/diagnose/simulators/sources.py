@@ -15,6 +15,7 @@ from lagsplat.io.mcap.survey import has_images
 from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.trajectory.sysid_series import find_control_file
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
@@ -57,10 +58,11 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
         else:
             paths += _expand(path)
     video_stems = {path.with_suffix("") for path in paths if path.suffix.lower() in VIDEOS}
+    controls = {find_control_file(path) for path in paths}  # read with the measurements beside them
     kept = []
     for path in dict.fromkeys(paths):
         is_input_log = path.suffix.lower() in TABLES and path.with_suffix("") in video_stems
-        if not is_input_log:
+        if not is_input_log and path not in controls:
             kept.append(_classify(path))
     return (*objects, *kept)
 

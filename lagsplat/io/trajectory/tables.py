@@ -7,7 +7,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from lagsplat.io.config import CLOCKS
+from lagsplat.io.trajectory.sysid_series import read_series
 
 TIME, SEGMENT, NUMBER = "t", "segment", "(0|[1-9][0-9]*)"
 STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
@@ -37,6 +38,8 @@ class Table:
     columns: dict[str, np.ndarray]
     lines: np.ndarray  # numbers (T,) of the rows, as an editor or an array counts them
     row: str = "row"  # what such a number counts: a line of text, a row of a table or of an array
+    named: Mapping[str, str] = field(default_factory=dict)
+    """The file's own columns by standard names, where its format says which they are."""
 
     def place(self, index: int) -> str:
         """Position of row ``index``, for messages."""
@@ -73,6 +76,7 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
     """Rename the columns to the standard names; ``columns`` maps these to the file's own.
 
     An entry that names a topic or a clock of a log is for another file where this one has the standard name.
+    Where the file's format says what its columns are, that holds for letters that ``columns`` does not name.
     Columns of other names are dropped, with a warning that lists them.
 
     Raises:
@@ -80,7 +84,10 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
             message lists the columns found and proposes the nearest setting.
     """
     found = list(table.columns)
-    columns = {name: own for name, own in columns.items() if name not in found or not _is_of_log(own, found)}
+    known = (*found, *table.named)
+    columns = {name: own for name, own in columns.items() if name not in known or not _is_of_log(own, found)}
+    letters = {name[0] for name in columns}
+    columns = {**{name: own for name, own in table.named.items() if name[0] not in letters}, **columns}
     for name, own in columns.items():
         if not _is_standard(name):
             raise ValueError(f"diagnose.columns names {name!r}; only {STANDARD} are known")
@@ -243,12 +250,20 @@ def _from_parquet(path: Path) -> Table:
 
 
 def _from_archive(path: Path) -> Table:
+    arrays = _load_arrays(path)
+    series = read_series(path, arrays, _load_arrays)
+    if series is None:
+        return _from_arrays(path, arrays)
+    columns, named = series.name_columns()
+    return Table(path.name, columns, np.arange(len(series.time_s)), named=named)
+
+
+def _load_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: damaged, or holds Python objects ({error}); save plain arrays") from error
-    return _from_arrays(path, arrays)
 
 
 def _from_matlab(path: Path) -> Table:
