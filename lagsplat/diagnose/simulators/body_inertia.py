@@ -23,10 +23,13 @@ def set_inertia(spec: Any, name: str, value: np.ndarray, *, mujoco: Any) -> None
     ``mujoco`` is the module. With a mass alone the inertia about the centre stays.
 
     Raises:
-        ValueError: another number of values, or the model takes all inertias from geometries.
+        ValueError: another number of values, a mass that is not above zero, an inertia that is not the
+            body's alone, or the model takes all inertias from geometries.
     """
     if value.size not in (1, 4, 10):
         raise ValueError(f"an inertia has 1, 4 or 10 numbers, not {value.size}")
+    if value.size < 10 and value[0] <= 0.0:
+        raise ValueError(f"a mass of {value[0]:g}; give one above zero")
     if spec.compiler.inertiafromgeom == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE):
         raise ValueError("the model takes every inertia from geometries (inertiafromgeom)")
     mass, center, inertia = _require_inertia(spec, name, mujoco)
@@ -39,6 +42,9 @@ def set_inertia(spec: Any, name: str, value: np.ndarray, *, mujoco: Any) -> None
     body.explicitinertial, body.mass, body.ipos = True, mass, center
     body.iquat, body.inertia = [1.0, 0.0, 0.0, 0.0], np.zeros(3)  # given as a full inertia instead
     body.fullinertia = [inertia[place] for place in FULL]
+    made, *_ = _require_inertia(spec, name, mujoco)
+    if not np.isclose(made, mass):  # a URDF's links that are fixed to one another are one body
+        raise ValueError(f"MuJoCo adds {made - mass:g} of bodies that are fixed to it; give an MJCF")
 
 
 def pack_inertia(spec: Any, name: str, *, mujoco: Any) -> np.ndarray:

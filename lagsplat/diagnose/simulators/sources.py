@@ -156,10 +156,12 @@ def _expand(path: Path) -> list[Path]:
 def _classify(path: Path) -> DataSource:
     """Find the kind of a single file or folder, by its name or, where this is ambiguous, by its content."""
     name, suffix = str(path), path.suffix.lower()
+    if (path / "dynamics.safetensors").is_file():  # perhaps with an exported log in the folder
+        return DataSource("run", name)
     if is_log(path):
         return _classify_log(path)
     if path.is_dir():
-        return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
+        return DataSource("video", name)
     if suffix in TABLES:
         return DataSource("trajectory", name)
     if suffix in VIDEOS:

@@ -118,11 +118,16 @@ def list_sysid_parameters(
             values = [np.array([each.gainprm[0]]) for each in (element, named.get(element.name, element))]
             found += _difference(f"{element.name}_gain", "gain", values)
     found += _inertias(before, after, mujoco)
-    trial = before.copy()
+    trial, kept, others = before.copy(), [], []
     for parameter in found:
         ((element, attribute),) = _find_places(trial, parameter.name)
-        _set(trial, element, attribute, parameter.value, mujoco)
-    return tuple(found), _left_over(trial, after)
+        try:
+            _set(trial, element, attribute, parameter.value, mujoco)
+        except ValueError as error:
+            others.append(f"{parameter.name} ({error})")
+        else:
+            kept.append(parameter)
+    return tuple(kept), (*others, *_left_over(trial, after))
 
 
 def _angle_unit(spec: Any) -> float:
@@ -149,10 +154,11 @@ def _inertias(before: Any, after: Any, mujoco: Any) -> list[SysidParameter]:
         one, other = (read_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
         if one is None or other is None:  # MuJoCo joined it with another
             continue
-        if all(
-            np.allclose(a, b, rtol=ROUNDING, atol=ROUNDING * np.abs(a).max())
-            for a, b in zip(one, other, strict=True)
-        ):
+        same = [
+            bool(np.allclose(one[i], other[i], rtol=ROUNDING, atol=ROUNDING * float(np.max(np.abs(one[i])))))
+            for i in range(3)
+        ]
+        if all(same):
             continue
         start, fitted = (pack_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
         # logarithms of mass and stretch, shears, and the centre [m], each as far as the toolbox has them

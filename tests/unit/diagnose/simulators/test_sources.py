@@ -117,6 +117,16 @@ def test_a_log_is_a_film_if_it_has_a_camera_and_else_a_trajectory(tmp_path: Path
         read_sources(find_sources(str(only_seen)))
 
 
+def test_a_run_with_its_exported_log_is_a_run(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", joint_rows(arm(20)), "mcap")
+    run = tmp_path / "run"
+    run.mkdir()
+    storage_file(bag).rename(run / "run.mcap")
+    assert kinds(run) == [("trajectory", "run")]
+    (run / "dynamics.safetensors").write_text("")
+    assert kinds(run) == [("run", "run")]
+
+
 def test_columns_of_a_log_leave_a_table_with_standard_names_alone(tmp_path: Path) -> None:
     (tmp_path / "sim.csv").write_text("t,q0,u0\n0,1,2\n1,3,4\n")
     columns = {"t": "log", "q0": "/joint_states.position[elbow]"}

@@ -9,6 +9,7 @@ from lagsplat.diagnose.simulators.body_inertia import pack_inertia
 from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, load_spec, make_mujoco_fields
 from lagsplat.diagnose.simulators.sysid_parameters import list_sysid_parameters
 from lagsplat.io.files.sysid_parameters import read_sysid_parameters, write_sysid_parameters
+from tests.unit.diagnose.simulators.urdf_files import TWO, write_urdf
 
 sysid = pytest.importorskip("mujoco.sysid")
 model_modifier = pytest.importorskip("mujoco.sysid").model_modifier
@@ -97,6 +98,8 @@ def test_names_that_say_nothing_of_the_model_are_told(model: Path, tmp_path: Pat
     load_spec(model, str(tmp_path / "frozen.yaml"))
     with pytest.raises(ValueError, match=r"'m_gear' of .* does not fit \(gear has 6 number"):
         load_spec(model, save(tmp_path / "p.yaml", m_gear=np.ones(7)))
+    with pytest.raises(ValueError, match="a mass of -1; give one above zero"):
+        load_spec(model, save(tmp_path / "p.yaml", fore_mass=-1.0))
     with pytest.raises(ValueError, match="an inertia has 1, 4 or 10 numbers, not 3"):
         load_spec(model, save(tmp_path / "p.yaml", fore_inertia=np.ones(3)))
     cases = {
@@ -145,3 +148,23 @@ def test_what_two_models_differ_by_is_loaded_by_the_toolbox(model: Path, tmp_pat
     for name in ("mass", "potential_gradient"):
         one, other = (getattr(make_mujoco_fields(each), name)(q) for each in (ours, theirs))
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_links_of_a_urdf_that_are_fixed_to_one_another_are_one_body(tmp_path: Path) -> None:
+    tool = """<link name="tool"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="f" type="fixed"><parent link="L1"/><child link="tool"/></joint>"""
+    arm = write_urdf(tmp_path / "arm.urdf", TWO, extra=tool)
+    file = save(tmp_path / "p.yaml", L0_mass=2.0)
+    assert load_mujoco(arm, parameters=file).model.body("L0").mass[0] == 2.0
+    with pytest.raises(ValueError, match=r"'L1_mass' of .*MuJoCo adds 0.2 of bodies that are fixed to it"):
+        load_spec(arm, save(tmp_path / "p.yaml", L1_mass=2.0))
+    changed = load_spec(arm)
+    changed.body("L1").mass = 1.5
+    changed.compile()
+    (tmp_path / "patched.xml").write_text(changed.to_xml())
+    parameters, (other,) = list_sysid_parameters(
+        load_spec(arm), load_spec(tmp_path / "patched.xml"), mujoco=mujoco
+    )
+    assert parameters == ()
+    assert other.startswith("L1_inertia (MuJoCo adds 0.2")
