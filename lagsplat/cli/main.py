@@ -76,15 +76,15 @@ VERBS = {
         keys=(
             (
                 "sim=SIM",
-                "trajectories, a fitted run, a film, a MuJoCo .xml, or file.py:attribute; required.",
+                "trajectories, a fitted run, a film, a MuJoCo .xml, a .urdf, or file.py:attribute; required.",
             ),
             ("", "A run is fitted to a film first, at profile quick, and kept: minutes to an hour, once."),
             ("", "A .py file runs as a program of yours: name none that you would not run"),
             (
                 "real=FILES",
-                "trajectories (CSV, Parquet, NPZ, MAT, HDF5, MCAP), a LeRobot dataset or a recording;",
+                "trajectories (CSV, Parquet, NPZ, MAT, HDF5, MCAP, ROS 2 bags), a LeRobot dataset or a",
             ),
-            ("", "held_out for a run's own; required"),
+            ("", "recording; held_out for a run's own; required"),
             ("out=FOLDER", "where report.html and diagnosis.json are written; diagnosis if left out"),
             ("diagnose.KEY=VALUE", "settings of conf/diagnose, such as diagnose.film_d=2: two coordinates"),
         ),
@@ -96,9 +96,10 @@ VERBS = {
         keys=(
             ("diagnosis=FILE", "the diagnosis.json; required"),
             ("out=FILE", "the augmented simulator; required"),
-            ("sim=SIM", "a MuJoCo .xml, file.py:attribute or a run; the diagnosed simulator if left out"),
+            ("sim=SIM", "a MuJoCo .xml or .urdf, file.py:attribute or a run; the diagnosed sim if left out"),
             ("diagnose.joints=...", "joints of the MuJoCo model, in order: [a,b]"),
             ("diagnose.actuators=...", "its actuators, in order: [a,b]"),
+            ("diagnose.parameters=FILE", "YAML of mujoco.sysid whose values replace the MuJoCo model's"),
         ),
         example="lagsplat apply diagnosis=diagnosis/diagnosis.json out=augmented.safetensors",
     ),
@@ -130,14 +131,15 @@ VERBS = {
         example="lagsplat view run viewer.port=8081",
     ),
     "export": Verb(
-        summary="Write a fitted run as one web page, as a log for Foxglove, or as Gaussians.",
+        summary="Write a fitted run as a page, a log or Gaussians, or a diagnosis for mujoco.sysid.",
         usage=(
             "FOLDER --html [out=run.html]",
             "FOLDER --mcap [out=run.mcap] [key=value ...]",
             "FOLDER --ply [out=run.ply] [frame=N | q=0.5,..]",
+            "DIAGNOSIS --sysid [out=FOLDER]",
         ),
         keys=(
-            ("out=FILE", "what is written; run.html, run.mcap or run.ply in the run's folder if left out"),
+            ("out=FILE", "what is written; run.html, run.mcap, run.ply or sysid in the folder if left out"),
             ("frame=N", "with --ply: the state of this frame; the rest state if left out"),
             ("q=Q0,Q1,...", "with --ply: this whitened state"),
             ("KEY=VALUE", "with --mcap evaluate.KEY, with --html any key of conf/"),
@@ -146,6 +148,10 @@ VERBS = {
             ("--html", "one page that is pushed without a server"),
             ("--mcap", "a log with images and states"),
             ("--ply", "one state, for viewers of Gaussians"),
+            (
+                "--sysid",
+                "recordings and changed parameters of a diagnosis, for MuJoCo's identification toolbox",
+            ),
         ),
         example="lagsplat export run --html out=run.html",
     ),

@@ -74,6 +74,7 @@ def inspect(given: Namespace) -> None:
 def _survey_log(path: Path) -> str:
     """Describe what may be read of a log; empty if the file or folder is none."""
     from lagsplat.io.lerobot.dataset import is_lerobot
+    from lagsplat.io.mcap.storage import is_log
     from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES
     from lagsplat.report import inspection, inspection_datasets
 
@@ -85,8 +86,8 @@ def _survey_log(path: Path) -> str:
         from lagsplat.io.trajectory.hdf5 import survey_hdf5
 
         return inspection_datasets.describe_hdf5(survey_hdf5(path))
-    if path.suffix == ".mcap":
-        from lagsplat.io.mcap.recording import survey_mcap
+    if is_log(path):
+        from lagsplat.io.mcap.survey import survey_mcap
 
         return inspection.describe_mcap(survey_mcap(path))
     return ""
@@ -224,15 +225,24 @@ def show_page(page: Path, others: Mapping[str, str | None], *, browser: bool) ->
 
 
 def export(given: Namespace) -> None:
-    """Write a fitted run in one of three formats."""
+    """Write a fitted run, or a diagnosis, in one of four formats."""
     folders = [word for word in given.words if "=" not in word]
-    formats = [name for name in ("html", "mcap", "ply") if getattr(given, name)]
+    formats = [name for name in ("html", "mcap", "ply", "sysid") if getattr(given, name)]
     if len(folders) != 1 or len(formats) != 1:
-        raise CommandError("name one run and a format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE]")
+        raise CommandError(
+            "name one run and a format: lagsplat export FOLDER --mcap|--html|--ply [out=FILE], or a "
+            "diagnosis: lagsplat export FOLDER --sysid [out=FOLDER]"
+        )
     kind, folder = formats[0], Path(folders[0])
     words = [word for word in given.words if "=" in word]
     allowed, settings = (("out", "frame", "q"), ()) if kind == "ply" else (("out",), ("",))
+    settings = () if kind == "sysid" else settings
     keys, changes = split_words(words, allowed=allowed, settings=settings)
+    if kind == "sysid":
+        from lagsplat.pipelines.sysid_export import export_sysid
+
+        print("\n".join(str(path) for path in export_sysid(folder, Path(keys.get("out", folder / "sysid")))))
+        return
     out = Path(keys.get("out", folder / f"run.{kind}"))
     from lagsplat.runs.run import choose_state, open_run
 
@@ -281,12 +291,19 @@ def diagnose(given: Namespace) -> None:
 
 def apply(given: Namespace) -> None:
     """Add the effects of a diagnosis to a simulator."""
-    allowed = ("sim", "diagnose.joints", "diagnose.actuators")
+    allowed = ("sim", "diagnose.joints", "diagnose.actuators", "diagnose.parameters")
     keys, _ = split_words(given.words, needed=("diagnosis", "out"), allowed=allowed, settings=())
     from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 
-    joints, actuators = (parse_names(keys.get(key)) for key in allowed[1:])
-    apply_diagnosis(keys["diagnosis"], keys.get("sim"), out=keys["out"], joints=joints, actuators=actuators)
+    joints, actuators = (parse_names(keys.get(key)) for key in allowed[1:3])
+    apply_diagnosis(
+        keys["diagnosis"],
+        keys.get("sim"),
+        out=keys["out"],
+        joints=joints,
+        actuators=actuators,
+        parameters=keys.get(allowed[3]),
+    )
     print(keys["out"])
 
 

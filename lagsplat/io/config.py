@@ -2,9 +2,9 @@
 
 ``kind`` chooses the source: ``simulated`` (drawn by ``lagsplat.systems``; every field except ``split`` is
 unused), ``krauss`` (an NPZ archive with ``images`` and ``p1..pn``), ``video`` (any video OpenCV can open, or
-images), ``mcap`` (a robot's log with a camera, see `McapConfig`) or ``lerobot`` (a dataset of LeRobot, see
-`LerobotConfig`). ``path`` is the user's file or folder. A Krauss recording without ``path`` is downloaded
-from ``archive``.
+images), ``mcap`` (a robot's log with a camera, an MCAP file or a ROS 2 bag, see `McapConfig`) or ``lerobot``
+(a dataset of LeRobot, see `LerobotConfig`). ``path`` is the user's file or folder. A Krauss recording without
+``path`` is downloaded from ``archive``.
 """
 
 import re
@@ -75,13 +75,13 @@ class McapInputConfig:
 
 @dataclass  # not frozen, for the same reason
 class McapConfig:
-    """How to read a recording from an MCAP file.
+    """How to read a recording from an MCAP file or a ROS 2 bag.
 
     A gap longer than ``max_gap_s`` [s] in the camera or an input is never bridged: frames inside it are
     dropped and the recording is cut into clips there.
     """
 
-    camera: str | None  # topic of the images, null if the recording is no MCAP file
+    camera: str | None  # topic of the images, null if the recording is no log
     inputs: list[McapInputConfig]  # interpolated linearly to the frames
     clock: str  # header (the stamps in the messages) or log (the time of writing)
     max_gap_s: float
@@ -136,7 +136,7 @@ class RecordingConfig:
     height: int | None  # after resizing [pixel]; null to keep the cropped size
     width: int | None
     split: SplitConfig
-    mcap: McapConfig | None  # topics of an MCAP file; its inputs replace n_inputs
+    mcap: McapConfig | None  # topics of a log; its inputs replace n_inputs
     lerobot: LerobotConfig | None = None  # camera of a LeRobot dataset; its inputs replace n_inputs
 
     def __post_init__(self) -> None:
@@ -175,7 +175,7 @@ class RecordingConfig:
         if self.kind == "mcap":
             rule = "needs a film: export the camera's topic as one, or set it to false"
             require_setting("recording.stabilise", True, not self.stabilise, rule)
-            rule = "must name the topic of the pictures; `lagsplat inspect FILE.mcap` lists them"
+            rule = "must name the topic of the pictures; `lagsplat inspect FILE` lists them"
             camera = None if self.mcap is None else self.mcap.camera
             require_setting("recording.mcap.camera", camera, camera is not None, rule)
         if self.kind == "lerobot":

@@ -1,4 +1,4 @@
-"""Read a recording from its settings, or a trajectory from a table, a LeRobot dataset or a session's MCAP."""
+"""Read a recording from its settings, or a trajectory from a table, a dataset, a robot's log or a session."""
 
 import os
 from collections.abc import Mapping
@@ -12,7 +12,9 @@ from lagsplat.io.lerobot.dataset import is_lerobot
 from lagsplat.io.lerobot.recording import read_lerobot
 from lagsplat.io.lerobot.trajectory import read_lerobot_trajectory
 from lagsplat.io.mcap.recording import read_mcap
-from lagsplat.io.mcap.write import read_session_motion
+from lagsplat.io.mcap.storage import is_log
+from lagsplat.io.mcap.trajectory import read_log_trajectory
+from lagsplat.io.mcap.write import is_session, read_session_motion
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
 from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
@@ -84,11 +86,13 @@ def read_trajectory(
     columns: Mapping[str, str] | None = None,
     joint_unit: str | None = None,
 ) -> Trajectory:
-    """Read a trajectory from CSV, Parquet, NPZ, MATLAB, HDF5, a LeRobot dataset, or a session's MCAP.
+    """Read a trajectory from CSV, Parquet, NPZ, MATLAB, HDF5, a LeRobot dataset, an MCAP file, a ROS 2 bag or
+    a saved session.
 
-    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`. ``joint_unit``,
-    ``degree``, ``radian`` or ``as_written``, is that of the joints in a LeRobot dataset, as in
-    `read_lerobot_trajectory`; other files are read as they are.
+    ``columns`` maps standard names to the file's own, as in `read_trajectory_file`; of a log to the numbers
+    in its messages, ``TOPIC.FIELD``, as in `read_log_trajectory`. ``joint_unit``, ``degree``, ``radian`` or
+    ``as_written``, is that of the joints in a LeRobot dataset, as in `read_lerobot_trajectory`; other files
+    are read as they are.
 
     Example:
         >>> import lagsplat
@@ -96,9 +100,11 @@ def read_trajectory(
         >>> trajectory.q_names, trajectory.u_names
         (('q0',), ('u0',))
     """
-    if os.fspath(path).lower().endswith(".mcap"):
-        return read_session_motion(path)
+    path = Path(path).expanduser()
     if is_lerobot(path):
         require_joint_unit("joint_unit", joint_unit)
         return read_lerobot_trajectory(path, columns=columns, joint_unit=joint_unit)
+    if is_log(path):
+        is_saved = path.suffix.lower() == ".mcap" and is_session(path)
+        return read_session_motion(path) if is_saved else read_log_trajectory(path, columns=columns)
     return read_trajectory_file(path, columns=columns)

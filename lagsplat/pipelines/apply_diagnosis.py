@@ -29,6 +29,7 @@ def apply_diagnosis(
     out: str | os.PathLike[str],
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> AugmentedSimulator:
     """Add the effects of a diagnosis to a simulator, and write the result.
 
@@ -36,11 +37,12 @@ def apply_diagnosis(
 
     Args:
         diagnosis: The ``diagnosis.json``, or its folder.
-        sim: A MuJoCo ``.xml``, ``file.py:attribute`` or a run, with its own parameters; the diagnosed
-            simulator, with its parameters as refitted, if left out.
+        sim: A MuJoCo ``.xml``, a ``.urdf``, ``file.py:attribute`` or a run, with its own parameters; the
+            diagnosed simulator, with its parameters as refitted, if left out.
         out: The file that is written, ``.safetensors``.
         joints: Joints of a MuJoCo model that are the coordinates; all if left out.
         actuators: Actuators of a MuJoCo model that are the inputs; all if left out.
+        parameters: A file of `mujoco.sysid` whose values replace the MuJoCo model's own.
 
     Raises:
         FileNotFoundError: no diagnosis, or no augmented simulator beside it.
@@ -66,7 +68,9 @@ def apply_diagnosis(
                 f"sim={sim}: a sim known by its recordings was identified by the diagnosis and is in "
                 f"{path}; leave sim= out to get it with its effects"
             )
-        projected = sample_simulator(sim, augmented.region, joints=joints, actuators=actuators)
+        projected = sample_simulator(
+            sim, augmented.region, joints=joints, actuators=actuators, parameters=parameters
+        )
         augmented = transfer_effects(augmented, projected.model)
         header = {**header, "sim": sim, "sim_error": projected.error}
     header.pop("stamp", None)
@@ -80,11 +84,13 @@ def sample_simulator(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> ProjectedModel:
     """Project the simulator that ``sim=name`` gives on polynomial fields over a region of states and inputs.
 
     Of an augmented simulator the model without its effects is taken. The result has the error of the
-    acceleration. ``joints`` and ``actuators`` are as of `apply_diagnosis`.
+    acceleration. ``joints``, ``actuators`` and ``parameters`` are as of
+    `apply_diagnosis`.
 
     Raises:
         FileNotFoundError: nothing is there.
@@ -94,7 +100,8 @@ def sample_simulator(
     if more:
         raise ValueError(f"sim={name}: {1 + len(more)} things; name one model")
     if source.kind == "mujoco":
-        return project_mujoco(Path(source.path), region, joints=joints, actuators=actuators)
+        names = {"joints": joints, "actuators": actuators}
+        return project_mujoco(Path(source.path), region, **names, parameters=parameters)
     if source.kind == "python":
         return project_python(load_python(source.path), region, what=source.path)
     if source.kind == "run":

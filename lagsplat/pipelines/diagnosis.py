@@ -242,7 +242,7 @@ def diagnose_files(sim: str, real: str, out: Path, config: DiagnoseConfig, *, co
     if inputs.joint is None:
         diagnosis = write_mujoco_patch(sim, out / "patched.xml", augmented, diagnosis, config)
     else:
-        diagnosis = write_joint_files(sim, out, parts, runs, diagnosis)
+        diagnosis = write_joint_files(sim, out, parts, runs, diagnosis, config)
     # written even without blocks, so that no older file passes for this one's
     save_rollouts(out / "rollouts.csv", diagnosis.blocks, q_names=diagnosis.q_names)
     save_next_inputs(out, diagnosis)
@@ -311,17 +311,22 @@ def write_mujoco_patch(
     sim: str, out: Path, augmented: AugmentedSimulator, diagnosis: Diagnosis, config: DiagnoseConfig
 ) -> Diagnosis:
     """Write a MuJoCo sim's file with the effects that MuJoCo can express; ``checks`` lists them."""
-    if Path(sim).suffix.lower() not in (".xml", ".mjcf") or not augmented.effects:
+    if Path(sim).suffix.lower() not in (".xml", ".mjcf", ".urdf") or not augmented.effects:
         return diagnosis
     from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
 
-    changes = patch_augmented(Path(sim), out, augmented, joints=config.joints, actuators=config.actuators)
+    changes = patch_augmented(Path(sim), out, augmented, **config.model_choice)
     lines = list(changes) or ["MuJoCo has no counterpart of what was found; the file was left as it is"]
     return replace(diagnosis, checks={**diagnosis.checks, "mujoco": lines})
 
 
 def write_joint_files(
-    sim: str, out: Path, parts: Sequence[DiagnosisInputs], runs: Sequence[DiagnosisRun], diagnosis: Diagnosis
+    sim: str,
+    out: Path,
+    parts: Sequence[DiagnosisInputs],
+    runs: Sequence[DiagnosisRun],
+    diagnosis: Diagnosis,
+    config: DiagnoseConfig,
 ) -> Diagnosis:
     """Write the changed MuJoCo file, and the computed inputs of the joint that leads."""
     named = next(part for part in parts if part.joint and part.joint.joint == diagnosis.q_names[0])
@@ -337,7 +342,7 @@ def write_joint_files(
     )
     checks = {**diagnosis.checks, "augmented": [note]}
     if found:
-        checks["mujoco"] = patch_joints(Path(sim), out / "patched.xml", found)
+        checks["mujoco"] = patch_joints(Path(sim), out / "patched.xml", found, parameters=config.parameters)
     return replace(diagnosis, checks=checks)
 
 

@@ -26,12 +26,13 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.inference.problem import calibrate_misfit
 from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
-from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import check_urdf, find_position_targets, load_mujoco
 from lagsplat.diagnose.simulators.sources import (
     VIDEO_KINDS,
     DataSource,
     adopt_names,
     find_sources,
+    prefer_numbers,
     read_sources,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -153,7 +154,7 @@ def _read_sides(
     show_checks: Callable[[DataCheck], None],
     show_fit: Callable[[str], None],
 ) -> _Sides:
-    sims = find_sources(sim)
+    sims = prefer_numbers(find_sources(sim), config.columns)
     of_film: tuple[Finding, ...] = ()
     if any(source.kind in VIDEO_KINDS for source in sims):
         from lagsplat.pipelines import film_runs  # torch, which the other sims do without
@@ -181,6 +182,8 @@ def _read_sides(
             nominal = read_sources(sims, columns=columns, joint_unit=joint_unit)
             motions = adopt_names(motions, nominal)
         checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
+        if models and models[0].kind == "mujoco":
+            checked = replace(checked, findings=(*check_urdf(Path(models[0].path)), *checked.findings))
     show_checks(checked)
     return _Sides(sim, models, nominal, recordings, checked)
 
@@ -214,16 +217,18 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
     if not sides.models or sides.models[0].kind != "mujoco" or motions[0].d <= config.max_coupled:
         return ()
     path = Path(sides.models[0].path)
-    chosen = load_mujoco(path, joints=config.joints, actuators=config.actuators)
+    chosen = load_mujoco(path, **config.model_choice)
     if (len(chosen.joints), len(chosen.actuators)) != (motions[0].d, motions[0].n_u):
         return ()  # refused with both numbers where all are opened as one
     targets = _find_targets(sides.models, motions[0], config)
     motors = find_motors(chosen, np.concatenate([motion.q for motion in motions]))
     lacking = [name for i, name in enumerate(chosen.joints) if i not in motors]
-    if targets or lacking:
+    if targets or lacking or chosen.followers:
         why = f"{', '.join(targets)} is a position target and no torque"
         if lacking:
             why = f"no motor with a logged torque drives {', '.join(lacking)} alone"
+        if chosen.followers:
+            why = "other joints follow them by an equality"
         warnings.warn(
             f"{path.name}: its {motions[0].d} joints are diagnosed as one, which takes long, because {why}; "
             "log the torque of each joint, or name fewer joints with diagnose.joints=[...]",
@@ -263,7 +268,7 @@ def _find_targets(
     """
     found: dict[str, str] = {}
     if models and models[0].kind == "mujoco":
-        chosen = load_mujoco(Path(models[0].path), joints=config.joints, actuators=config.actuators)
+        chosen = load_mujoco(Path(models[0].path), **config.model_choice)
         found |= {motion.u_names[j]: motion.q_names[i] for j, i in find_position_targets(chosen)}
     own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
     for q_name in motion.q_names:
@@ -305,7 +310,7 @@ def _open_simulator(
     period_s = estimate_spectral_period_s(checked.real.motions)
     ready = prepare_dataset((*checked.real.motions, *nominal), period_s=period_s)
     region = sample_operating_region(ready.dataset)
-    sampled = sample_simulator(models[0].path, region, joints=config.joints, actuators=config.actuators)
+    sampled = sample_simulator(models[0].path, region, **config.model_choice)
     given = EstimatedSimulator.exact(sampled.model)
     if not nominal:
         return given, None

@@ -19,7 +19,7 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.imaging.video_checks import drop_unusable_frames
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.io.mcap.recording import survey_mcap
+from lagsplat.io.mcap.survey import survey_mcap
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording

@@ -119,7 +119,11 @@ def save_joint_inputs(path: Path, part: DiagnosisInputs) -> None:
 
 
 def patch_joints(
-    sim: Path, out: Path, found: Sequence[tuple[DiagnosisInputs, AugmentedSimulator]]
+    sim: Path,
+    out: Path,
+    found: Sequence[tuple[DiagnosisInputs, AugmentedSimulator]],
+    *,
+    parameters: str | None = None,
 ) -> list[str]:
     """Write a MuJoCo file with what was found at each joint, and list the changes, for people.
 
@@ -131,7 +135,8 @@ def patch_joints(
         joint = part.joint
         assert joint is not None
         names = {"joints": [joint.joint], "actuators": [joint.actuator]}
-        changes = patch_augmented(present, out, augmented, **names, inertia=joint.inertia)
+        given = parameters if present == sim else None  # a patched file has them already
+        changes = patch_augmented(present, out, augmented, **names, parameters=given, inertia=joint.inertia)
         lines += changes or [f"joint {joint.joint}: MuJoCo has no counterpart of what was found there"]
         present = out if changes else present
     return lines

@@ -25,6 +25,7 @@ from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.lerobot.dataset import is_lerobot
+from lagsplat.io.mcap.storage import is_log
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
@@ -46,7 +47,7 @@ def reading_overrides(path: Path) -> list[str]:
     source = ["recording=filmed", f"recording.path={str(path)!r}"]
     if path.suffix == ".safetensors":
         return source
-    if path.suffix == ".mcap":
+    if is_log(path):
         return [*source, "recording.kind=mcap"]
     if is_lerobot(path):
         return [*source, "recording.kind=lerobot"]
@@ -58,7 +59,7 @@ def reading_overrides(path: Path) -> list[str]:
 
 
 def read_recording(path: PathLike, *overrides: str) -> Recording:
-    """Read a video, images, an archive, an MCAP log, a LeRobot dataset or a ``recording.safetensors``.
+    """Read a video, images, an archive, a robot's log, a LeRobot dataset or a ``recording.safetensors``.
 
     Args:
         path: The file or folder.

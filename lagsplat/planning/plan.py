@@ -285,7 +285,7 @@ def _list_files(recording: RecordingConfig) -> list[str]:
         suffixes = (".json", ".jsonl", ".parquet", ".mp4")
         files = sorted(Path(recording.path).expanduser().rglob("*"))
         return [str(file) for file in files if file.suffix in suffixes] or [recording.path]
-    if recording.kind != "video":
+    if recording.kind not in ("video", "mcap"):
         return [str(Path(recording.path).expanduser())]
     try:
         return [str(file) for clip in find_clips(recording.path) for file in clip.files]

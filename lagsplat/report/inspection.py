@@ -1,4 +1,4 @@
-"""What a file holds, in words, before anything is trained on it: a recording, an MCAP log, a video.
+"""What a file holds, in words, before anything is trained on it: a recording, a robot's log, a video.
 
 For a log and a video the text ends with the overrides or the configuration that follow from it.
 """
@@ -15,7 +15,8 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.free_motion import find_free_segments
 from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.mcap.recording import McapSurvey, TopicSummary
+from lagsplat.io.mcap.survey import McapSurvey, TopicSummary
+from lagsplat.io.mcap.trajectory import is_joint_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.proposal import IMAGE_MODEL, propose_settings
 
@@ -30,6 +31,8 @@ UNITS = {
     "temperature": "degC",
 }
 """Units that ROS messages prescribe; a prismatic joint has m, m/s and N."""
+COMMAND = re.compile("cmd|command|torque|effort|target|desired|goal|setpoint|ctrl|control", re.IGNORECASE)
+"""What topics are called whose numbers drive a mechanism."""
 GAP_RATIO = 1.5  # a spacing above this many medians is a gap
 MAX_LISTED = 5
 
@@ -93,7 +96,7 @@ def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
 
 
 def describe_mcap(survey: McapSurvey) -> str:
-    """Describe the topics of an MCAP file, what is damaged, and the command that makes a recording of it.
+    """Describe the topics of a log, what is damaged, and the commands that read it.
 
     Times count from the first message logged in the file.
     """
@@ -139,10 +142,14 @@ def _list_warnings(survey: McapSurvey) -> list[str]:
 
 def _list_advice(survey: McapSurvey) -> list[str]:
     overrides = suggest_overrides(survey)
+    lines = _list_columns(survey)
     if not overrides:
-        return ["to use it  no topic holds pictures that can be read, so there is no recording in this file"]
+        return [
+            "to use it  no topic holds pictures that can be read, so there is no recording in this file",
+            *lines,
+        ]
     varying = sum(len(topic.moving) for topic in survey.topics)
-    lines = [
+    lines += [
         "to use it  lagsplat fit out=FOLDER system=SYSTEM \\",
         *(f"           {shlex.quote(override)} \\" for override in overrides[:-1]),
         f"           {shlex.quote(overrides[-1])}",
@@ -186,6 +193,47 @@ def suggest_overrides(survey: McapSurvey) -> list[str]:
         f"recording.mcap.clock={'header' if stamped else 'log'}",
         f"recording.mcap.inputs=[{', '.join(inputs)}]",
     ]
+
+
+def _list_columns(survey: McapSurvey) -> list[str]:
+    columns = suggest_columns(survey)
+    if not columns:
+        return []
+    pairs = ", ".join(f"{name}: {quote(column)}" for name, column in columns.items())
+    return [
+        f"as motion  lagsplat diagnose sim=SIM {shlex.quote(f'real={survey.path}')} \\",
+        f"           {shlex.quote(f'diagnose.columns={{{pairs}}}')}",
+        "           in the order of the sim's coordinates and inputs; leave out what it has not",
+    ]
+
+
+def suggest_columns(survey: McapSurvey) -> dict[str, str]:
+    """Suggest the columns of a trajectory; none without a topic of ``JointState`` with positions that vary.
+
+    They are its positions, its velocities if there is one for each, and as inputs the numbers that vary of
+    topics that are named as commands, or its efforts if there are no such topics.
+    """
+    readable = [topic for topic in survey.topics if not topic.problem]
+    states = [topic for topic in readable if is_joint_state(topic.schema) and topic.moving]
+    if not states:
+        return {}
+    state = max(states, key=lambda topic: len(topic.log_ns))
+    of_field = {
+        field: [f"{state.name}.{path}" for path in state.numbers if path.startswith(f"{field}[")]
+        for field in ("position", "velocity", "effort")
+    }
+    q, v, u = of_field.values()
+    commands = [
+        f"{topic.name}.{path}"
+        for topic in readable
+        if topic is not state and COMMAND.search(topic.name)
+        for path in topic.numbers
+        if path in topic.moving
+    ]
+    moving = {f"{state.name}.{path}" for path in state.moving}
+    inputs = commands[:MAX_INPUTS] or ([] if moving.isdisjoint(u) else u)
+    columns = {"q": q, "v": v if len(v) == len(q) and not moving.isdisjoint(v) else [], "u": inputs}
+    return {f"{letter}{i}": column for letter, named in columns.items() for i, column in enumerate(named)}
 
 
 def _make_name(path: str) -> str:

@@ -1,4 +1,4 @@
-"""Effects of a diagnosis written into a MuJoCo model file.
+"""Effects of a diagnosis written into a MuJoCo model file; that of a URDF becomes an MJCF.
 
 Each effect says itself which element of MuJoCo is its counterpart (`Effect.mujoco`) and changes it through a
 `MujocoElement`. A generalised force of a diagnosis is an acceleration times the reference inertia of its
@@ -117,12 +117,14 @@ def patch_augmented(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
     inertia: float | None = None,
 ) -> tuple[str, ...]:
     """Write a MuJoCo model with the effects of an augmented simulator, and return the changes, for people.
 
     Where MuJoCo has no counterpart of one of them, it writes and returns nothing. ``joints`` and
-    ``actuators`` are the coordinates and inputs, by default all. ``inertia`` is what a simulator of a single
+    ``actuators`` are the coordinates and inputs, by default all, ``parameters`` a file of `mujoco.sysid`
+    whose values the simulator has in place of the file's. ``inertia`` is what a simulator of a single
     coordinate counts forces in, where that is not the file's inertia at rest.
 
     Raises:
@@ -131,10 +133,10 @@ def patch_augmented(
     directions = [placed.direction for placed in simulator.effects if placed.direction is not None]
     if any(np.count_nonzero(direction.covector) > 1 for direction in directions):
         return ()  # between two joints
-    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators)
+    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
     mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
     mass = mass if inertia is None else np.array([[inertia]])
-    spec = mujoco_model.require_mujoco().MjSpec.from_file(str(path))
+    spec = mujoco_model.load_spec(path, parameters)
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):
         along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
@@ -169,6 +171,8 @@ def patch_augmented(
         raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {changes}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(spec.to_xml(), encoding="utf-8")
+    if path.suffix.lower() == mujoco_model.URDF:
+        changed.append(f"{out.name} is an MJCF, as a URDF has no place for all that MuJoCo simulates")
     return tuple(changed)
 
 

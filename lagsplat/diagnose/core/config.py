@@ -12,6 +12,7 @@ values may have been chosen with a spent split in view.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from lagsplat.io.config import require_joint_unit
 from lagsplat.setting_checks import require_least, require_positive, require_setting
@@ -29,6 +30,7 @@ class DiagnoseConfig:
     joint_unit: str | None  # of joints in a LeRobot dataset: degree, radian, as_written; None by a rule
     joints: list[str] | None  # joints of a MuJoCo model that are the coordinates; None for all
     actuators: list[str] | None  # actuators of a MuJoCo model that are the inputs; None for all
+    parameters: str | None  # file of mujoco.sysid whose values replace those of a MuJoCo model; None for none
     max_coupled: int  # joints of a MuJoCo model above which each is diagnosed by itself, if driven so [count]
     targets: dict[str, str]  # inputs that are position targets, each with its coordinate: `{u0: q0}`
     without: list[str]  # effects that are left out of the catalogue
@@ -75,6 +77,11 @@ class DiagnoseConfig:
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
             require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")
+
+    @property
+    def model_choice(self) -> dict[str, Any]:
+        """What is taken of a MuJoCo model, as the keywords of what loads it."""
+        return {"joints": self.joints, "actuators": self.actuators, "parameters": self.parameters}
 
     def scale_tolerances(self, factor: float) -> "DiagnoseConfig":
         """The same with the sim's own parameters ``factor`` times as uncertain, at most 0.5."""

@@ -6,6 +6,7 @@ Source: the recursive Newton-Euler algorithm, Featherstone, "Rigid Body Dynamics
 MuJoCo computes it; the run follows its motion by computed torque, Craig, "Introduction to Robotics", ch. 10.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion
-from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, load_mujoco, require_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, require_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 HELD_INERTIA = 1e6  # inertia of joints that are no coordinates, over the largest of those that are
@@ -97,7 +98,7 @@ def simulate_alike(
         seed: of the noise that is added, as large as what smoothing removed.
     """
     rng = np.random.default_rng(seed)
-    follower = _make_follower(path, chosen)
+    follower = _make_follower(chosen)
     removed = [motion.q - aim.q for motion, aim in zip(motions, smoothed, strict=True)]
     sigma = np.sqrt(np.mean(np.concatenate(removed) ** 2, axis=0))
     made = []
@@ -112,11 +113,13 @@ def simulate_alike(
     return made
 
 
-def _make_follower(path: Path, chosen: MujocoSelection) -> MujocoSelection:
-    """The file once more, with all that the diagnosis leaves out switched off and other joints held."""
+def _make_follower(chosen: MujocoSelection) -> MujocoSelection:
+    """The model once more, with all that the diagnosis leaves out switched off and other joints held."""
     mujoco = require_mujoco()
-    follower = load_mujoco(path, joints=chosen.joints, actuators=chosen.actuators)
-    model, off = follower.model, mujoco.mjtDisableBit
+    model, off = copy.deepcopy(chosen.model), mujoco.mjtDisableBit
+    follower = replace(chosen, model=model, data=mujoco.MjData(model))
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, follower.data, 0)
     for flag in (off.mjDSBL_CONTACT, off.mjDSBL_LIMIT, off.mjDSBL_EQUALITY, off.mjDSBL_ACTUATION):
         model.opt.disableflags |= int(flag)
     others = np.setdiff1d(np.arange(model.nv), follower.at_v)

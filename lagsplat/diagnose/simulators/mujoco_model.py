@@ -1,20 +1,36 @@
-"""A simulator that is a MuJoCo model file: mass, bias, passive and actuator forces of chosen joints.
+"""A simulator that is a MuJoCo model file or a URDF: mass, bias, passive and actuator forces of its joints.
 
-All other joints are fixed where the model's first key frame, or its reference pose, has them. An actuator
-with a state counts as one that has settled. Time is continuous: the error of MuJoCo's integrator is not part
-of the simulator. Friction loss is dry friction. Contacts, limits and equalities are left out, with a warning.
+Joints that a linear equality ties to the chosen ones follow them. All others are fixed where the model's
+first key frame, or its reference pose, has them. An actuator with a state counts as one that has settled.
+Time is continuous: the error of MuJoCo's integrator is not part of the simulator. Friction loss is dry
+friction. Contacts, limits and other equalities are left out, with a warning.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
+from lagsplat.diagnose.simulators.sysid_parameters import apply_sysid_parameters
+from lagsplat.diagnose.simulators.urdf_model import load_urdf
+
+URDF = ".urdf"
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A joint that equalities tie to the coordinates ``q``: its position is ``offset + ratios @ q``."""
+
+    at_q: int  # its position in `qpos`
+    at_v: int  # its position in `qvel`
+    offset: float
+    ratios: np.ndarray  # (d,)
 
 
 @dataclass(frozen=True)
@@ -28,6 +44,22 @@ class MujocoSelection:
     at_q: np.ndarray  # positions of the coordinates in `qpos`
     at_v: np.ndarray  # positions of the coordinates in `qvel`
     at_u: np.ndarray  # positions of the inputs in `ctrl`
+    followers: tuple[Follower, ...] = ()
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """Rates of all of the model's degrees of freedom over those of the coordinates, (nv, d)."""
+        rates = np.zeros((self.model.nv, len(self.at_v)))
+        rates[self.at_v, np.arange(len(self.at_v))] = 1.0
+        for follower in self.followers:
+            rates[follower.at_v] = follower.ratios
+        return rates
+
+    def set_positions(self, q: np.ndarray) -> None:
+        """Put the coordinates ``q`` (d,), and what follows them, into the data."""
+        self.data.qpos[self.at_q] = q
+        for follower in self.followers:
+            self.data.qpos[follower.at_q] = follower.offset + follower.ratios @ q
 
 
 def require_mujoco() -> Any:
@@ -45,10 +77,50 @@ def require_mujoco() -> Any:
     return mujoco
 
 
+def load_spec(path: Path, parameters: str | None = None) -> Any:
+    """The MuJoCo specification of a model file or a URDF, not compiled.
+
+    ``parameters`` is a file of `mujoco.sysid` whose values replace the model's own.
+
+    Raises:
+        FileNotFoundError: no such file.
+        ValueError: MuJoCo cannot read it or is not installed, or a parameter is none of the model.
+    """
+    mujoco = require_mujoco()
+    if path.suffix.lower() == URDF:
+        spec, _ = load_urdf(path, mujoco)
+    elif not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file; check the path")
+    else:
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+        except ValueError as error:
+            raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
+    if parameters is not None:
+        apply_sysid_parameters(path, spec, Path(parameters).expanduser(), mujoco=mujoco)
+    return spec
+
+
+def check_urdf(path: Path) -> tuple[Finding, ...]:
+    """What MuJoCo loses of a URDF, and adds to it; nothing of other files.
+
+    Raises:
+        FileNotFoundError, ValueError: as `load_spec`.
+    """
+    return load_urdf(path, require_mujoco())[1] if path.suffix.lower() == URDF else ()
+
+
 def load_mujoco(
-    path: Path, *, joints: Sequence[str] | None = None, actuators: Sequence[str] | None = None
+    path: Path,
+    *,
+    joints: Sequence[str] | None = None,
+    actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> MujocoSelection:
     """Load a model file with its joints and actuators, by default all hinges, slides and actuators in order.
+
+    Joints that follow others by a linear equality are coordinates only where they are named. ``parameters``
+    is as of `load_spec`.
 
     Raises:
         FileNotFoundError: no such file.
@@ -56,18 +128,21 @@ def load_mujoco(
         or no joint is left.
     """
     mujoco = require_mujoco()
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; check the path")
+    spec = load_spec(path, parameters)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        model = spec.compile()
     except ValueError as error:
         raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    tied = _find_ties(model)
     straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     joint_names = [model.joint(i).name for i in range(model.njnt)]
     actuator_names = [model.actuator(i).name for i in range(model.nu)]
     index = _find_indices(path, "joint", joints, joint_names)
     if joints is None:
-        index = [i for i in index if model.jnt_type[i] in straight]
+        index = [i for i in index if model.jnt_type[i] in straight and i not in tied]
     for i in index:
         if model.jnt_type[i] not in straight:
             raise ValueError(
@@ -76,9 +151,6 @@ def load_mujoco(
     if not index:
         raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
     driven = _find_indices(path, "actuator", actuators, actuator_names)
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
     return MujocoSelection(
         model,
         data,
@@ -87,7 +159,42 @@ def load_mujoco(
         model.jnt_qposadr[index],
         model.jnt_dofadr[index],
         np.array(driven, dtype=np.int64),
+        _find_followers(model, data, index, tied),
     )
+
+
+def _find_ties(model: Any) -> dict[int, tuple[int, float, float]]:
+    """Joints that an active linear equality ties: the other joint or -1, the offset, and the ratio."""
+    kinds, ties = require_mujoco(), {}
+    for i in range(model.neq):
+        is_joint = model.eq_type[i] == int(kinds.mjtEq.mjEQ_JOINT)
+        constant, slope, *bends = model.eq_data[i][:5]
+        if not is_joint or not model.eq_active0[i] or np.any(bends):
+            continue
+        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        offset = model.qpos0[model.jnt_qposadr[first]] + constant
+        if second >= 0:
+            offset -= slope * model.qpos0[model.jnt_qposadr[second]]
+        ties[first] = (second, float(offset), float(slope))
+    return ties
+
+
+def _find_followers(
+    model: Any, data: Any, index: Sequence[int], ties: Mapping[int, tuple[int, float, float]]
+) -> tuple[Follower, ...]:
+    """The joints that are tied to the chosen ones, directly or through other tied joints."""
+    one = np.eye(len(index))
+    known = {joint: (0.0, one[n]) for n, joint in enumerate(index)}
+    left = {joint: tie for joint, tie in ties.items() if joint not in known}
+    while ready := [joint for joint, tie in left.items() if tie[0] not in left]:
+        for joint in ready:
+            leader, offset, ratio = left.pop(joint)
+            at_rest = (float(data.qpos[model.jnt_qposadr[leader]]) if leader >= 0 else 0.0, 0.0 * one[0])
+            base, ratios = known.get(leader, at_rest)
+            known[joint] = (offset + ratio * base, ratio * ratios)
+    tied = [joint for joint in known if joint not in index]
+    at_q, at_v = model.jnt_qposadr, model.jnt_dofadr
+    return tuple(Follower(int(at_q[each]), int(at_v[each]), *known[each]) for each in tied)
 
 
 def project_mujoco(
@@ -96,16 +203,18 @@ def project_mujoco(
     *,
     joints: Sequence[str] | None = None,
     actuators: Sequence[str] | None = None,
+    parameters: str | None = None,
 ) -> ProjectedModel:
     """The model of a MuJoCo file over a region, with a warning of what it leaves out.
 
-    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all).
+    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all),
+    ``parameters`` is as of `load_spec`.
 
     Raises:
         FileNotFoundError: no such file.
         ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
     """
-    chosen = load_mujoco(path, joints=joints, actuators=actuators)
+    chosen = load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
     counted = (("joints", chosen.joints, region.d, "q"), ("actuators", chosen.actuators, region.n_u, "u"))
     for what, names, n, letter in counted:
         if len(names) != n:
@@ -120,16 +229,17 @@ def project_mujoco(
 def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     """Mass, forces and input map of the chosen joints as functions of many points."""
     mujoco = require_mujoco()
-    model, data, at_v = chosen.model, chosen.data, chosen.at_v
-    d, n_u = len(at_v), len(chosen.at_u)
-    dry = model.dof_frictionloss[at_v].copy()
+    model, data, rates = chosen.model, chosen.data, chosen.jacobian
+    d, n_u = rates.shape[1], len(chosen.at_u)
+    dry = np.abs(rates).T @ model.dof_frictionloss
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
     no_speed, no_input = np.zeros(d), np.zeros(n_u)
 
     def set_state(q: np.ndarray, v: np.ndarray = no_speed, u: np.ndarray = no_input) -> None:
-        data.qvel[:] = 0.0
+        chosen.set_positions(q)
+        data.qvel[:] = rates @ v
         data.ctrl[:] = 0.0
-        data.qpos[chosen.at_q], data.qvel[at_v], data.ctrl[chosen.at_u] = q, v, u
+        data.ctrl[chosen.at_u] = u
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
 
@@ -139,30 +249,30 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
             if model.actuator_actadr[i] >= 0 and model.actuator_dyntype[i] in filters:
                 data.act[model.actuator_actadr[i]] = data.ctrl[i]
         mujoco.mj_fwdActuation(model, data)
-        return data.qfrc_actuator[at_v].copy()
+        return rates.T @ data.qfrc_actuator
 
     def mass(q: np.ndarray) -> np.ndarray:
         masses, full = np.empty((len(q), d, d)), np.zeros((model.nv, model.nv))
         for n, point in enumerate(q):
             set_state(point)
             mujoco.mj_fullM(model, data, full)
-            masses[n] = full[np.ix_(at_v, at_v)]
+            masses[n] = rates.T @ full @ rates
         return masses
 
     def potential_gradient(q: np.ndarray) -> np.ndarray:
         gradients = np.empty_like(q)
         for n, point in enumerate(q):
             set_state(point)
-            gradients[n] = data.qfrc_bias[at_v] - data.qfrc_passive[at_v] - actuation()
+            gradients[n] = rates.T @ (data.qfrc_bias - data.qfrc_passive) - actuation()
         return gradients
 
     def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         forces = np.empty_like(q)
         for n, (point, velocity) in enumerate(zip(q, v, strict=True)):
             set_state(point)
-            still = data.qfrc_passive[at_v] + actuation()
+            still = rates.T @ data.qfrc_passive + actuation()
             set_state(point, velocity)
-            forces[n] = still - data.qfrc_passive[at_v] - actuation() + dry * np.sign(velocity)
+            forces[n] = still - rates.T @ data.qfrc_passive - actuation() + dry * np.sign(velocity)
         return forces
 
     def input_map(q: np.ndarray) -> np.ndarray:
@@ -236,11 +346,12 @@ def warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegi
             omitted.append(f"the state of actuator {name!r}, which counts as settled")
         if model.actuator_delay[i] > 0.0:
             omitted.append(f"the delay of actuator {name!r}")
-    if model.neq:
-        omitted.append(f"{model.neq} equality constraint(s)")
+    left_out = model.neq - len(chosen.followers)
+    if left_out:
+        omitted.append(f"{left_out} equality constraint(s)")
     data = chosen.data
     for point in region.q[:: max(1, len(region.q) // 50)]:  # 50 points, because contacts are slow to find
-        data.qpos[chosen.at_q] = point
+        chosen.set_positions(point)
         mujoco.mj_fwdPosition(model, data)
         if data.ncon:
             omitted.append("contacts between bodies")

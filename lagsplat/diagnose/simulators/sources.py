@@ -12,9 +12,12 @@ import numpy as np
 
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.lerobot.dataset import is_lerobot
+from lagsplat.io.mcap.storage import is_log
+from lagsplat.io.mcap.survey import has_images
 from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.trajectory.sysid_series import find_control_file
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
@@ -46,9 +49,10 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
     """Find what ``a.csv``, ``[a.csv,b.csv]``, ``runs/*.csv``, a folder or ``module:attribute`` names.
 
     A folder is a fitted run if it holds ``dynamics.safetensors``, a trajectory if it is a LeRobot dataset, a
-    video if it holds images, and otherwise stands for all readable files in it, in natural order of their
-    names. A table with the stem of a video beside it holds that video's inputs and is no trajectory. The kind
-    of an archive or artefact is read from its content.
+    log if a recorder of ROS 2 made it, a video if it holds images, and otherwise stands for all readable
+    files in it, in natural order of their names. A table with the stem of a video beside it holds that
+    video's inputs and is no trajectory. The kind of an archive, a log or an artefact is read from its
+    content: a log with a camera is a video.
 
     Raises:
         FileNotFoundError: nothing is there, or nothing matches.
@@ -66,10 +70,11 @@ def find_sources(argument: str) -> tuple[DataSource, ...]:
         else:
             paths += _expand(path)
     video_stems = {path.with_suffix("") for path in paths if path.suffix.lower() in VIDEOS}
+    controls = {find_control_file(path) for path in paths}  # read with the measurements beside them
     kept = []
     for path in dict.fromkeys(paths):
         is_input_log = path.suffix.lower() in TABLES and path.with_suffix("") in video_stems
-        if not is_input_log:
+        if not is_input_log and path not in controls:
             kept.append(_classify(path))
     return (*objects, *kept)
 
@@ -80,20 +85,38 @@ def read_sources(
     columns: Mapping[str, str] | None = None,
     joint_unit: str | None = None,
 ) -> tuple[Trajectory, ...]:
-    """Read tables, LeRobot datasets and sessions of the viewer, as `read_trajectory` does.
+    """Read tables, LeRobot datasets, the numbers of logs, and sessions, as `read_trajectory` does.
 
     Raises:
         ValueError: a source is a model or a video, or a file is unreadable.
     """
     for source in sources:
-        if source.kind in VIDEO_KINDS:
+        if source.kind in VIDEO_KINDS and source.kind != "mcap":
             raise ValueError(
                 f"{source.path}: a video needs the encoder of a fitted run to become a trajectory; "
                 "give a film or a run as sim, or give trajectories"
             )
-        if source.kind != "trajectory":
+        if source.kind not in ("trajectory", "mcap"):
             raise ValueError(f"{source.path}: a {source.kind} is a model and has no trajectory of its own")
-    return tuple(read_trajectory(source.path, columns=columns, joint_unit=joint_unit) for source in sources)
+    return tuple(_read_source(source, columns, joint_unit) for source in sources)
+
+
+def _read_source(source: DataSource, columns: Mapping[str, str] | None, joint_unit: str | None) -> Trajectory:
+    try:
+        return read_trajectory(source.path, columns=columns, joint_unit=joint_unit)
+    except ValueError as error:
+        if source.kind != "mcap":
+            raise
+        raise ValueError(f"{error}. Its images are compared where sim= is a film or a fitted run") from error
+
+
+def prefer_numbers(sources: Sequence[DataSource], columns: Mapping[str, str]) -> tuple[DataSource, ...]:
+    """The sources with logs that have a camera taken as trajectories, if ``columns`` names topics."""
+    names_topics = any(own.startswith("/") for own in columns.values())
+    return tuple(
+        DataSource("trajectory", each.path) if names_topics and each.kind == "mcap" else each
+        for each in sources
+    )
 
 
 def adopt_names(motions: Sequence[Trajectory], sims: Sequence[Trajectory]) -> tuple[Trajectory, ...]:
@@ -159,12 +182,12 @@ def _expand(path: Path) -> list[Path]:
         if not matches:
             raise FileNotFoundError(f"{path}: no such file or folder, and no pattern that matches; check it")
         return [file for match in matches for file in ([match] if match.is_file() else _expand(match))]
-    if path.is_file() or (path / "dynamics.safetensors").is_file() or is_lerobot(path):
+    if path.is_file() or (path / "dynamics.safetensors").is_file() or is_lerobot(path) or is_log(path):
         return [path]
     inside = sorted((item for item in path.iterdir() if item.is_file()), key=natural_order)
     if any(item.suffix.lower() in IMAGE_SUFFIXES for item in inside):
         return [path]
-    known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEOS, ".npz")]
+    known = [item for item in inside if item.suffix.lower() in (*TABLES, *VIDEOS, ".npz") or is_log(item)]
     if not known:
         raise FileNotFoundError(
             f"{path}: a folder without a trajectory, a video or dynamics.safetensors; name the files"
@@ -175,15 +198,18 @@ def _expand(path: Path) -> list[Path]:
 def _classify(path: Path) -> DataSource:
     """Find the kind of a single file or folder, by its name or, where this is ambiguous, by its content."""
     name, suffix = str(path), path.suffix.lower()
+    if (path / "dynamics.safetensors").is_file():  # perhaps with an exported log in the folder
+        return DataSource("run", name)
     if is_lerobot(path):
         return DataSource("trajectory", name)
+    if is_log(path):
+        return _classify_log(path)
     if path.is_dir():
-        return DataSource("run" if (path / "dynamics.safetensors").is_file() else "video", name)
-    if suffix in TABLES or (suffix == ".mcap" and is_session(path)):
+        return DataSource("video", name)
+    if suffix in TABLES:
         return DataSource("trajectory", name)
     if suffix in VIDEOS:
-        logs = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
-        return DataSource("mcap" if suffix == ".mcap" else "video", name, str(logs[0]) if logs else None)
+        return DataSource("video", name, _find_inputs(path))
     if suffix == ".npz":
         try:
             with zipfile.ZipFile(path) as archive:
@@ -191,8 +217,10 @@ def _classify(path: Path) -> DataSource:
         except zipfile.BadZipFile as error:
             raise ValueError(f"{path}: damaged or not an NPZ archive ({error}); write it again") from error
         return DataSource("krauss" if has_images else "trajectory", name)
-    if suffix == ".xml":
+    if suffix in (".xml", ".urdf"):
         return DataSource("mujoco", name)
+    if suffix == ".xacro":
+        raise ValueError(f"{path}: holds macros; expand them first: xacro {path.name} > robot.urdf")
     if suffix == ".py":
         raise ValueError(f"{path}: a program; name what in it is the simulator, as {path}:NAME")
     if suffix == ".safetensors":
@@ -202,5 +230,25 @@ def _classify(path: Path) -> DataSource:
         return DataSource("recording" if kind == "recording" else "model", name)
     raise ValueError(
         f"{path}: {suffix or 'a file without suffix'} is neither a trajectory ({', '.join(TABLES)}, .npz), a "
-        f"video ({', '.join(VIDEOS)}), a fitted run, a MuJoCo model (.xml) nor module:attribute"
+        f"video ({', '.join(VIDEOS)}), a ROS 2 bag, a fitted run, a MuJoCo model (.xml, .urdf) nor "
+        "module:attribute"
+    )
+
+
+def _find_inputs(path: Path) -> str | None:
+    """The table of inputs beside a video."""
+    tables = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
+    return str(tables[0]) if tables else None
+
+
+def _classify_log(path: Path) -> DataSource:
+    """A log is a video if it has a camera; also if it cannot be read, which says why where it is read."""
+    if path.suffix.lower() == ".mcap" and path.is_file() and is_session(path):
+        return DataSource("trajectory", str(path))
+    try:
+        is_film = has_images(path)
+    except (OSError, ValueError):
+        is_film = True
+    return (
+        DataSource("mcap", str(path), _find_inputs(path)) if is_film else DataSource("trajectory", str(path))
     )

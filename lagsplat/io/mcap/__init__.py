@@ -1,1 +1,1 @@
-"""MCAP logs: images, joint states and numbers of robots, read even if cut short, and sessions written."""
+"""Logs of robots, MCAP files and ROS 2 bags: read even if cut short; sessions are written as MCAP."""

@@ -1,4 +1,4 @@
-"""Decode messages of an MCAP log, and read their time stamps and numbers.
+"""Decode messages of a log, and read their time stamps and numbers.
 
 ROS 2, protobuf and JSON messages have the same interface: a field is a name. A clock that steps backwards is
 refused, because nothing shows which side of the step is right. Messages that repeat the previous instant are
@@ -17,8 +17,11 @@ import numpy as np
 from google.protobuf.message import Message as Protobuf
 from jaxtyping import Bool, Int64
 from mcap.records import Channel, Message, Schema
+from mcap.well_known import MessageEncoding
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoders
 from mcap_ros2.decoder import DecoderFactory as Ros2Decoders
+
+from lagsplat.io.mcap.definitions import complete_definition
 
 STAMPS = ("timestamp", "stamp")
 SECONDS, NANOSECONDS = ("sec", "seconds", "secs"), ("nanosec", "nsec", "nanos", "nsecs")
@@ -27,11 +30,11 @@ MOST_LISTED = 32  # entries of an array in a list of fields
 
 
 class Decoders:
-    """Decodes messages to objects with fields; keeps one decoder per channel."""
+    """Decodes messages to objects with fields; keeps one decoder per encoding and schema."""
 
     def __init__(self) -> None:
-        self._factories = (Ros2Decoders(), ProtobufDecoders())
-        self._known: dict[int, Callable[[bytes], Any]] = {}
+        # By content: the files of a split bag number their channels and schemas each on their own.
+        self._known: dict[tuple[str | bytes, ...], Callable[[bytes], Any]] = {}
 
     def decode(self, schema: Schema | None, channel: Channel, message: Message) -> Any:
         """Decode a message to a ROS 2 namespace, a protobuf message, or JSON data.
@@ -39,10 +42,12 @@ class Decoders:
         Raises:
             ValueError: no decoder supports the encoding, or the bytes do not match the schema.
         """
+        form = () if schema is None else (schema.name, schema.encoding, schema.data)
+        key = (channel.message_encoding, *form)
         try:
-            if channel.id not in self._known:
-                self._known[channel.id] = self._find(schema, channel.message_encoding)
-            return self._known[channel.id](message.data)
+            if key not in self._known:
+                self._known[key] = self._find(schema, channel.message_encoding)
+            return self._known[key](message.data)
         except Exception as error:  # every decoder raises its own errors
             where = f"topic {channel.topic}: the message logged at {message.log_time} ns"
             raise ValueError(f"{where} cannot be decoded: {error}") from error
@@ -50,11 +55,13 @@ class Decoders:
     def _find(self, schema: Schema | None, encoding: str) -> Callable[[bytes], Any]:
         if encoding == "json":
             return json.loads
-        for factory in self._factories:
+        if encoding == MessageEncoding.CDR and schema is not None:
+            schema = complete_definition(schema)
+        for factory in (Ros2Decoders(), ProtobufDecoders()):  # each keeps decoders by the schema's number
             if decoder := factory.decoder_for(encoding, schema):
                 return decoder
         described = "no schema" if schema is None else f"a schema in {schema.encoding!r}"
-        known = "those read are ROS 2 CDR with 'ros2msg', protobuf, and JSON"
+        known = "those read are ROS 2 CDR with 'ros2msg' or 'ros2idl', protobuf, and JSON"
         raise ValueError(f"its encoding is {encoding!r} with {described}; {known}")
 
 
@@ -169,11 +176,18 @@ class Timestamps:
         """The times on the clock ``header`` or ``log``."""
         return self.header_ns if clock == "header" else list(self.log_ns)
 
+    def runs_forwards(self, clock: str) -> bool:
+        """Whether every message has a time on this clock, later than the one before."""
+        times = self.of_clock(clock)
+        return None not in times and bool((np.diff(np.array(times, np.int64)) > 0).all())
+
 
 def choose_timestamps(
-    stamps: Timestamps, *, clock: str, source: str
+    stamps: Timestamps, *, clock: str, source: str, setting: str = "recording.mcap.clock={}"
 ) -> tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]:
     """Strictly increasing times [ns], and the mask of the messages they belong to.
+
+    ``setting`` is what chooses another clock, with a brace for its name.
 
     Raises:
         ValueError: a message has no stamp, all stamps are equal, or a stamp is before its predecessor; the
@@ -181,18 +195,19 @@ def choose_timestamps(
     """
     given, where = stamps.of_clock(clock), f"{source}: topic {stamps.topic}"
     if None in given:
-        raise ValueError(f"{where}: message {given.index(None)} has no stamp; use recording.mcap.clock=log")
+        raise ValueError(f"{where}: message {given.index(None)} has no stamp; use {setting.format('log')}")
     times = np.array(given, np.int64)
     steps = np.diff(times)
     if len(times) > 1 and not steps.any():
         never_set = f"all {len(times)} messages carry the {clock} stamp {times[0]} ns, so it was never set"
-        raise ValueError(f"{where}: {never_set}{_other(stamps, clock)}")
+        raise ValueError(f"{where}: {never_set}{_other(stamps, clock, setting)}")
     back = np.flatnonzero(steps < 0)
     if back.size:
         i = int(back[0])
+        remedy = _other(stamps, clock, setting)
         raise ValueError(
             f"{where}: the {clock} clock jumps back from {times[i] / 1e9:.6f} s (message {i}) to "
-            f"{times[i + 1] / 1e9:.6f} s (message {i + 1}), {back.size} such steps{_other(stamps, clock)}"
+            f"{times[i + 1] / 1e9:.6f} s (message {i + 1}), {back.size} such steps{remedy}"
         )
     fresh = np.diff(times, prepend=times[:1] - 1) > 0
     if not fresh.all():
@@ -201,9 +216,8 @@ def choose_timestamps(
     return times[fresh], fresh
 
 
-def _other(stamps: Timestamps, clock: str) -> str:
+def _other(stamps: Timestamps, clock: str, setting: str) -> str:
     name = "log" if clock == "header" else "header"
-    other = stamps.of_clock(name)
-    if None not in other and (np.diff(np.array(other, np.int64)) > 0).all():
-        return f". The {name} clock runs forwards: use recording.mcap.clock={name}"
+    if stamps.runs_forwards(name):
+        return f". The {name} clock runs forwards: use {setting.format(name)}"
     return f". The {name} clock is no better; cut the file there, for instance with `mcap filter`"

@@ -31,12 +31,30 @@ class AlignedInputs:
     segments: tuple[tuple[int, int], ...]
 
 
+@dataclass(frozen=True)
+class AlignmentTerms:
+    """What messages call the frames and their source, the clock's setting, and what to do about a gap."""
+
+    frames: str
+    source: str
+    clock: str
+    gap_remedy: str  # with a brace for the longest gap [s]
+
+
+OF_CAMERA = AlignmentTerms("frames", "camera", "recording.mcap.clock", "raise recording.mcap.max_gap_s={:g}")
+
+
 def align_log(
-    frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog], *, max_gap_s: float, source: str
+    frame_s: Float64[np.ndarray, " T"],
+    logs: Sequence[InputLog],
+    *,
+    max_gap_s: float,
+    source: str,
+    terms: AlignmentTerms = OF_CAMERA,
 ) -> AlignedInputs:
     """Interpolate the ``logs`` to frames at the strictly increasing times ``frame_s`` [s].
 
-    Spacings above ``max_gap_s`` [s], in a log or in the frames, are gaps.
+    Spacings above ``max_gap_s`` [s], in a log or in the frames, are gaps. ``terms`` are for messages.
 
     Raises:
         ValueError: a log has fewer than two samples, or no frame has every number.
@@ -49,8 +67,9 @@ def align_log(
                 f"{source}: input {log.name!r} has {len(log.time_s)} samples; choose one with two or more"
             )
         if log.time_s[-1] < frame_s[0] or log.time_s[0] > frame_s[-1]:
-            problem = f"camera and input {log.name!r} do not overlap; {_ranges(frame_s, [log])}"
-            raise ValueError(f"{source}: {problem}. Check recording.mcap.clock and the topics")
+            spans = _ranges(frame_s, [log], terms)
+            problem = f"{terms.source} and input {log.name!r} do not overlap; {spans}"
+            raise ValueError(f"{source}: {problem}. Check {terms.clock} and the topics")
         outside |= (frame_s < log.time_s[0]) | (frame_s > log.time_s[-1])
         for before, after in pairwise(log.time_s.tolist()):
             if after - before > max_gap_s:
@@ -60,16 +79,17 @@ def align_log(
     kept = ~(outside | inside_gap)
     if not kept.any():
         raise ValueError(
-            f"{source}: none of the {len(frame_s)} frames has a value of every input; "
-            f"{_ranges(frame_s, logs)}. Raise recording.mcap.max_gap_s={max_gap_s:g}, or leave an input out"
+            f"{source}: none of the {len(frame_s)} {terms.frames} has a value of every input; "
+            f"{_ranges(frame_s, logs, terms)}. Leave an input out, or {terms.gap_remedy.format(max_gap_s)}"
         )
     reasons = []
     if outside.any():
-        reasons.append(f"{outside.sum()} lie outside the inputs ({_ranges(frame_s, logs)})")
+        short = [log for log in logs if log.time_s[0] > frame_s[0] or log.time_s[-1] < frame_s[-1]]
+        reasons.append(f"{outside.sum()} lie outside the inputs ({_ranges(frame_s, short, terms)})")
     if inside_gap.any():
         reasons.append(f"{inside_gap.sum()} lie inside gaps of the inputs of more than {max_gap_s:g} s")
     if reasons:
-        dropped = f"{(~kept).sum()} of {len(frame_s)} frames are dropped: {', '.join(reasons)}"
+        dropped = f"{(~kept).sum()} of {len(frame_s)} {terms.frames} are dropped: {', '.join(reasons)}"
         warnings.warn(f"{source}: {dropped}", stacklevel=3)
     times = frame_s[kept]
     cuts = {*(np.flatnonzero(np.diff(times) > max_gap_s) + 1), *np.searchsorted(times, gap_starts, "right")}
@@ -79,6 +99,6 @@ def align_log(
     return AlignedInputs(kept, inputs, tuple(pairwise(borders)))
 
 
-def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog]) -> str:
-    spans = [("the camera", frame_s), *((repr(log.name), log.time_s) for log in logs)]
+def _ranges(frame_s: Float64[np.ndarray, " T"], logs: Sequence[InputLog], terms: AlignmentTerms) -> str:
+    spans = [(f"the {terms.source}", frame_s), *((repr(log.name), log.time_s) for log in logs)]
     return ", ".join(f"{name} runs from {times[0]:.3f} s to {times[-1]:.3f} s" for name, times in spans)

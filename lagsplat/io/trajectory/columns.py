@@ -4,10 +4,12 @@ import difflib
 import re
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
+
+from lagsplat.io.config import CLOCKS
 
 TIME, SEGMENT, NUMBER = "t", "segment", "(0|[1-9][0-9]*)"
 STANDARD = "t [s], q0, q1, ..., optionally v0, ..., u0, ... and segment"
@@ -43,6 +45,8 @@ class Table:
     columns: dict[str, np.ndarray]
     lines: np.ndarray  # numbers (T,) of the rows, as an editor or an array counts them
     row: str = "row"  # what such a number counts: a line of text, a row of a table or of an array
+    named: Mapping[str, str] = field(default_factory=dict)
+    """The file's own columns by standard names, where its format says which they are."""
 
     def place(self, index: int) -> str:
         """Position of row ``index``, for messages."""
@@ -78,6 +82,8 @@ class Table:
 def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[str] = (TIME, "q0")) -> Table:
     """Rename the columns to the standard names; ``columns`` maps these to the file's own.
 
+    An entry that names a topic or a clock of a log is for another file where this one has the standard name.
+    Where the file's format says what its columns are, that holds for letters that ``columns`` does not name.
     Columns of other names are dropped, with a warning that lists them.
 
     Raises:
@@ -85,6 +91,10 @@ def name_columns(table: Table, columns: Mapping[str, str], *, needed: Sequence[s
             message lists the columns found and proposes the nearest setting.
     """
     found = list(table.columns)
+    known = (*found, *table.named)
+    columns = {name: own for name, own in columns.items() if name not in known or not _is_of_log(own, found)}
+    letters = {name[0] for name in columns}
+    columns = {**{name: own for name, own in table.named.items() if name[0] not in letters}, **columns}
     for name, own in columns.items():
         if not _is_standard(name):
             raise ValueError(f"diagnose.columns names {name!r}; only {STANDARD} are known")
@@ -125,6 +135,11 @@ def count_names(table: Table, letter: str) -> tuple[str, ...]:
 
 def _is_standard(name: str) -> bool:
     return name in (TIME, SEGMENT) or re.fullmatch(f"[quv]{NUMBER}", name) is not None
+
+
+def _is_of_log(own: str, found: Sequence[str]) -> bool:
+    """Whether a table's ``own`` name of a column is none of those found, but that of a topic or a clock."""
+    return own not in found and (own.startswith("/") or own in CLOCKS)
 
 
 def propose_names(found: Sequence[str]) -> dict[str, str]:

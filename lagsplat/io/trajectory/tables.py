@@ -11,6 +11,7 @@ from scipy.io.matlab import MatReadError
 
 from lagsplat.io.trajectory.columns import TIME, Table, list_arrays, refuse_twins
 from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES, read_hdf5
+from lagsplat.io.trajectory.sysid_series import read_series
 from lagsplat.io.trajectory.text import read_text
 
 KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz", ".mat", *HDF5_SUFFIXES)
@@ -60,12 +61,20 @@ def _from_parquet(path: Path) -> Table:
 
 
 def _from_archive(path: Path) -> Table:
+    arrays = _load_arrays(path)
+    series = read_series(path, arrays, _load_arrays)
+    if series is None:
+        return _from_arrays(path, arrays)
+    columns, named = series.name_columns()
+    return Table(path.name, columns, np.arange(len(series.time_s)), named=named)
+
+
+def _load_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+            return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: damaged, or holds Python objects ({error}); save plain arrays") from error
-    return _from_arrays(path, arrays)
 
 
 def _from_matlab(path: Path) -> Table:

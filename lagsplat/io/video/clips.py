@@ -1,13 +1,15 @@
-"""Find the clips of a path: a video, a folder of videos, or a folder of images.
+"""Find the clips of a path: a video or a log, a folder of videos, or a folder of images.
 
-Clips of a folder are sorted by name in natural order (``take2`` before ``take10``). No file is opened, so a
-plan can name every file beforehand.
+Clips of a folder are sorted by name in natural order (``take2`` before ``take10``). No recording is opened,
+so a plan can name every file beforehand.
 """
 
 import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+
+from lagsplat.io.mcap.storage import is_log, list_log_files
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -21,16 +23,17 @@ class VideoClip:
     path: Path
     images: tuple[Path, ...] = ()  # in order; empty for a video
     times: Path | None = None  # table of the times of images, if any
+    parts: tuple[Path, ...] = ()  # files of a bag whose camera it is, in order
 
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that determines the clip's content."""
-        files = self.images or (self.path,)
+        files = self.images or self.parts or (self.path,)
         return files if self.times is None else (*files, self.times)
 
 
 def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
-    """Find the clips at ``path``: a file is one video, whatever its name; a folder holds videos or images.
+    """Find the clips at ``path``: a file or a bag is one; another folder holds videos or images.
 
     Hidden files and files that are neither video nor image are ignored.
 
@@ -43,6 +46,8 @@ def find_clips(path: str | os.PathLike[str]) -> tuple[VideoClip, ...]:
         return (VideoClip(path),)
     if not path.is_dir():
         raise FileNotFoundError(f"{path}: no such file or folder; check recording.path")
+    if is_log(path):
+        return (VideoClip(Path(path), parts=list_log_files(path)),)
     files = sorted((entry for entry in path.iterdir() if entry.is_file()), key=natural_order)
     visible = [file for file in files if not file.name.startswith(".")]
     films = [file for file in visible if file.suffix.lower() in VIDEO_SUFFIXES]

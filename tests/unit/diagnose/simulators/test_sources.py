@@ -11,11 +11,23 @@ from lagsplat.diagnose.simulators.sources import (
     adopt_names,
     find_sources,
     make_video_trajectory,
+    prefer_numbers,
     read_sources,
 )
 from lagsplat.io.files.artifact import save_artifact
+from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.trajectory.trajectory import Trajectory
+from tests.unit.io.mcap.bag_files import (
+    STORAGES,
+    arm,
+    camera_rows,
+    joint_rows,
+    split_bag,
+    storage_file,
+    write_bag,
+)
+from tests.unit.io.mcap.mcap_files import take
 
 
 def kinds(argument: object) -> list[tuple[str, str]]:
@@ -84,6 +96,47 @@ def test_films_take_the_table_of_their_name_along(tmp_path: Path) -> None:
     pictures.mkdir()
     (pictures / "img1.png").write_text("")
     assert kinds(pictures) == [("video", "frames")]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_log_is_a_film_if_it_has_a_camera_and_else_a_trajectory(tmp_path: Path, storage: str) -> None:
+    split_bag(tmp_path / "joints", joint_rows(arm()), storage)
+    write_bag(tmp_path / "seen", [*joint_rows(arm()), *camera_rows(take())], storage)
+    file = storage_file(tmp_path / "seen")
+    assert kinds(tmp_path / "joints") == [("trajectory", "joints")]
+    assert kinds(tmp_path / "seen") == [("mcap", "seen")]
+    assert kinds(file) == [("mcap", file.name)]
+    sources = find_sources(str(tmp_path / "seen"))
+    assert prefer_numbers(sources, {"q0": "/joint_states.position[elbow]"})[0].kind == "trajectory"
+    assert prefer_numbers(sources, {"q0": "angle"}) == sources
+    for name in ("joints", "seen"):  # beside a sim that has no images, a log gives its numbers
+        (motion,) = read_sources(find_sources(str(tmp_path / name)))
+        np.testing.assert_array_equal(motion.q[:, ::-1], arm().q)
+    only_seen = write_bag(tmp_path / "film", camera_rows(take()), storage)
+    with pytest.raises(
+        ValueError, match=r"0 topics of JointState.*Its images are compared where sim= is a film"
+    ):
+        read_sources(find_sources(str(only_seen)))
+
+
+def test_a_run_with_its_exported_log_is_a_run(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", joint_rows(arm(20)), "mcap")
+    run = tmp_path / "run"
+    run.mkdir()
+    storage_file(bag).rename(run / "run.mcap")
+    assert kinds(run) == [("trajectory", "run")]
+    (run / "dynamics.safetensors").write_text("")
+    assert kinds(run) == [("run", "run")]
+
+
+def test_columns_of_a_log_leave_a_table_with_standard_names_alone(tmp_path: Path) -> None:
+    (tmp_path / "sim.csv").write_text("t,q0,u0\n0,1,2\n1,3,4\n")
+    columns = {"t": "log", "q0": "/joint_states.position[elbow]"}
+    assert read_trajectory(tmp_path / "sim.csv", columns=columns).q.tolist() == [[1.0], [3.0]]
+    with pytest.raises(ValueError, match="no column 'angle' for q0"):
+        read_trajectory(tmp_path / "sim.csv", columns={"q0": "angle"})
+    (tmp_path / "other.csv").write_text("t,/elbow/position\n0,1\n1,3\n")
+    assert read_trajectory(tmp_path / "other.csv", columns={"q0": "/elbow/position"}).d == 1
 
 
 def test_objects_are_named_by_module_and_attribute() -> None:

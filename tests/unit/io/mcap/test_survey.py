@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagsplat.config.compose import compose
-from lagsplat.io.mcap.recording import survey_mcap
+from lagsplat.io.mcap.survey import survey_mcap
 from lagsplat.io.read import read_recording
 from lagsplat.report.inspection import describe_mcap, suggest_overrides
 from tests.unit.io.mcap.mcap_files import START_NS, WRITERS, by_json, by_rosbags, json_take, take

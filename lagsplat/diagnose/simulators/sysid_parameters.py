@@ -1,0 +1,178 @@
+"""Parameters that MuJoCo's identification toolbox fitted, put into a model file and read off two of them.
+
+`mujoco.sysid` keeps the meaning of a parameter in the user's program; a file has its name alone, which so
+has to say it: ``ELEMENT_ATTRIBUTE``, an attribute of a joint, an actuator or a body, as ``elbow_damping``.
+The name ``BODY_inertia`` is the toolbox's own, for a mass, a mass with its centre, or the ten numbers of a
+pseudo-inertia.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagsplat.diagnose.simulators.body_inertia import pack_inertia, read_inertia, set_inertia
+from lagsplat.io.files.sysid_parameters import SysidParameter, read_sysid_parameters
+
+OF_JOINT = ("damping", "frictionloss", "armature", "stiffness", "springref")
+OF_ACTUATOR = ("gear", "gain", "pgain", "dgain", "pdgain")
+OF_BODY = ("mass", "inertia")
+SIGNED = ("springref", "gear", "gain")  # attributes that may be negative
+ANGLES = ("springref",)  # in degrees where the file is
+WORLD = "world"
+ROUNDING = 1e-5  # relative: MuJoCo writes six digits
+BOUND = 10.0  # bounds over the larger of two values, as the toolbox has them for masses
+
+
+def apply_sysid_parameters(path: Path, spec: Any, file: Path, *, mujoco: Any) -> None:
+    """Put the values in ``file`` into the specification of the model at ``path``; frozen ones stay out.
+
+    ``mujoco`` is the module.
+
+    Raises:
+        FileNotFoundError: there is no ``file``.
+        ValueError: it holds no parameters, or a name does not say what of this model it is.
+    """
+    for parameter in read_sysid_parameters(file):
+        if parameter.frozen:
+            continue
+        places = list(_find_places(spec, parameter.name))
+        if len(places) != 1:
+            found = f"{len(places)} elements" if places else "no element"
+            of_each = f"{', '.join(OF_JOINT)} of a joint, {', '.join(OF_ACTUATOR)} of an actuator"
+            raise ValueError(
+                f"{file}: parameter {parameter.name!r} names {found} of {path.name}. Names are "
+                f"ELEMENT_ATTRIBUTE, with {of_each} and {', '.join(OF_BODY)} of a body; or give the "
+                "identified model, which save_results of the toolbox writes, as sim="
+            )
+        element, attribute = places[0]
+        try:
+            _set(spec, element, attribute, parameter.value.reshape(-1), mujoco)
+        except (ValueError, TypeError) as error:
+            value = parameter.value.tolist()
+            raise ValueError(
+                f"{file}: parameter {parameter.name!r} of {value} does not fit ({error})"
+            ) from error
+
+
+def _find_places(spec: Any, name: str) -> Iterator[tuple[Any, str]]:
+    groups = ((spec.joints, OF_JOINT), (spec.actuators, OF_ACTUATOR), (spec.bodies, OF_BODY))
+    for elements, attributes in groups:
+        for element in elements:
+            for attribute in attributes:
+                if element.name and name == f"{element.name}_{attribute}":
+                    yield element, attribute
+
+
+def _set(spec: Any, element: Any, attribute: str, value: np.ndarray, mujoco: Any) -> None:
+    if attribute in OF_BODY:
+        set_inertia(spec, element.name, value if attribute == "inertia" else value[:1], mujoco=mujoco)
+    elif attribute in ("pgain", "dgain", "pdgain"):
+        _set_servo_gains(element, attribute, value)
+    elif attribute == "gain":
+        element.gainprm[0] = value[0]
+    else:
+        present = np.array(getattr(element, attribute), dtype=np.float64)
+        if value.size > present.size:
+            raise ValueError(f"{attribute} has {present.size} number(s), not {value.size}")
+        if present.ndim:
+            present[: value.size] = value
+        setattr(element, attribute, present if present.ndim else float(value[0]))
+
+
+def _set_servo_gains(actuator: Any, attribute: str, value: np.ndarray) -> None:
+    """Set gains of a position actuator, whose bias holds them with the sign reversed."""
+    if actuator.gainprm[0] != -actuator.biasprm[1]:
+        raise ValueError(f"{actuator.name} is no position actuator")
+    if attribute != "dgain":
+        actuator.gainprm[0], actuator.biasprm[1] = value[0], -value[0]
+    if attribute != "pgain":
+        actuator.biasprm[2] = -value[-1]
+
+
+def list_sysid_parameters(
+    before: Any, after: Any, *, mujoco: Any
+) -> tuple[tuple[SysidParameter, ...], tuple[str, ...]]:
+    """The parameters in which two specifications of one model differ, and what else differs, for people.
+
+    The first is the nominal value, the second the value. Bounds reach ten times as far as the larger.
+    """
+    found: list[SysidParameter] = []
+    for elements, others, attributes in (
+        (before.joints, after.joints, OF_JOINT),
+        (before.actuators, after.actuators, ("gear",)),
+    ):
+        named = {element.name: element for element in others}
+        for element in elements:
+            for attribute in attributes if element.name in named else ():
+                other = named[element.name]
+                values = [
+                    np.atleast_1d(np.array(getattr(each, attribute), dtype=np.float64))
+                    for each in (element, other)
+                ]
+                if attribute in ANGLES and element.type == mujoco.mjtJoint.mjJNT_HINGE:
+                    values[1] = values[1] * _angle_unit(after) / _angle_unit(before)
+                found += _difference(f"{element.name}_{attribute}", attribute, values)
+        for element in elements if attributes == ("gear",) else ():
+            values = [np.array([each.gainprm[0]]) for each in (element, named.get(element.name, element))]
+            found += _difference(f"{element.name}_gain", "gain", values)
+    found += _inertias(before, after, mujoco)
+    trial, kept, others = before.copy(), [], []
+    for parameter in found:
+        ((element, attribute),) = _find_places(trial, parameter.name)
+        try:
+            _set(trial, element, attribute, parameter.value, mujoco)
+        except ValueError as error:
+            others.append(f"{parameter.name} ({error})")
+        else:
+            kept.append(parameter)
+    return tuple(kept), (*others, *_left_over(trial, after))
+
+
+def _angle_unit(spec: Any) -> float:
+    """Unit of the angles of a specification [rad]."""
+    return np.pi / 180.0 if spec.compiler.degree else 1.0
+
+
+def _difference(name: str, attribute: str, values: Sequence[np.ndarray]) -> list[SysidParameter]:
+    nominal, value = values
+    if np.allclose(nominal, value, rtol=ROUNDING, atol=0.0):
+        return []
+    used = max(int(np.flatnonzero(each).max(initial=0)) for each in values) + 1
+    nominal, value = nominal[:used], value[:used]
+    reach = BOUND * np.maximum(np.maximum(np.abs(nominal), np.abs(value)), np.finfo(float).tiny)
+    low = -reach if attribute in SIGNED else np.zeros(used)
+    return [SysidParameter(name, nominal, value, low, reach)]
+
+
+def _inertias(before: Any, after: Any, mujoco: Any) -> list[SysidParameter]:
+    """Pseudo-inertias of the bodies whose mass, centre or inertia differ."""
+    names = [body.name for body in before.bodies if body.name and body.name != WORLD]
+    parameters = []
+    for name in names:
+        one, other = (read_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
+        if one is None or other is None:  # MuJoCo joined it with another
+            continue
+        same = [
+            bool(np.allclose(one[i], other[i], rtol=ROUNDING, atol=ROUNDING * float(np.max(np.abs(one[i])))))
+            for i in range(3)
+        ]
+        if all(same):
+            continue
+        start, fitted = (pack_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
+        # logarithms of mass and stretch, shears, and the centre [m], each as far as the toolbox has them
+        reach = np.r_[0.5 * np.log(BOUND), np.full(3, 0.5 * np.log(2.0)), np.full(6, 0.5)]
+        low, high = np.minimum(start - reach, fitted), np.maximum(start + reach, fitted)
+        parameters.append(SysidParameter(f"{name}_inertia", start, fitted, low, high))
+    return parameters
+
+
+def _left_over(trial: Any, after: Any) -> tuple[str, ...]:
+    """Elements of the second specification that the first one does not have with these parameters."""
+    texts = [spec.copy() for spec in (trial, after)]
+    for spec in texts:
+        spec.compile()
+    ours, theirs = (set(spec.to_xml().splitlines()) for spec in texts)
+    kinds = ("<joint", "<motor", "<general", "<position", "<velocity", "<damper", "<fixed", "<plugin")
+    return tuple(line.strip() for line in sorted(theirs - ours) if line.strip().startswith(kinds))

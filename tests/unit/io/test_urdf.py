@@ -1,0 +1,62 @@
+"""What a URDF file says beside what MuJoCo reads, and where its meshes are."""
+
+from pathlib import Path
+
+from lagsplat.io.urdf import Urdf, read_urdf
+
+LINK = '<link name="{0}"><inertial><mass value="1"/></inertial>{1}</link>'
+MESH = '<{0}><geometry><mesh filename="{1}"/></geometry></{0}>'
+
+
+def read(folder: Path, *meshes: str, extra: str = "") -> Urdf:
+    (folder / "arm.urdf").write_text(
+        f'<robot name="arm">{LINK.format("base", "".join(meshes))}{extra}</robot>'
+    )
+    return read_urdf(folder / "arm.urdf")
+
+
+def test_meshes_are_found_where_packages_keep_them(tmp_path: Path) -> None:
+    folder = tmp_path / "arm_description" / "urdf"
+    folder.mkdir(parents=True)
+    for place in ("arm_description/meshes/a.stl", "other/b.stl", "arm_description/urdf/c.obj"):
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        (tmp_path / place).write_text("")
+    names = {
+        "package://arm_description/meshes/a.stl": "arm_description/meshes/a.stl",
+        "package://renamed/meshes/a.stl": "arm_description/meshes/a.stl",
+        "model://other/b.stl": "other/b.stl",
+        "c.obj": "arm_description/urdf/c.obj",
+        "../meshes/a.stl": "arm_description/meshes/a.stl",
+        f"file://{tmp_path}/other/b.stl": "other/b.stl",
+        "package://arm_description/lost/c.obj": "arm_description/urdf/c.obj",
+    }
+    for name, place in names.items():
+        found = read(folder, MESH.format("collision", name))
+        assert f'filename="{tmp_path / place}"' in found.text, name
+        assert found.lost_meshes == []
+    for name in ("gone.stl", "http://host/a.stl", "package://other/gone.stl"):
+        found = read(folder, MESH.format("collision", name), MESH.format("visual", name))
+        assert [(lost.link, lost.file, lost.why) for lost in found.lost_meshes] == [
+            ("base", name, "is not there")
+        ]
+        assert "mesh" not in found.text
+
+
+def test_settings_of_mujoco_in_the_file_stay(tmp_path: Path) -> None:
+    own = '<mujoco><compiler balanceinertia="true" meshdir="meshes"/></mujoco>'
+    text = read(tmp_path, extra=own).text
+    assert 'balanceinertia="true"' in text
+    assert 'strippath="false"' in text
+    assert "meshdir" not in text
+    assert 'strippath="false"' in read(tmp_path).text
+
+
+def test_transmissions_are_read_in_both_spellings(tmp_path: Path) -> None:
+    extra = """<transmission name="old"><type> transmission_interface/SimpleTransmission </type>
+    <joint name="j"><hardwareInterface>hardware_interface/VelocityJointInterface</hardwareInterface></joint>
+    <actuator name="a"><mechanicalReduction>-4</mechanicalReduction></actuator></transmission>
+    <transmission name="new"><plugin>transmission_interface/FourBarLinkageTransmission</plugin>
+    <joint name="k"/><joint name="l"/></transmission>"""
+    old, new = read(tmp_path, extra=extra).transmissions
+    assert (old.is_simple, old.reduction, old.interface) == (True, -4.0, "velocityjointinterface")
+    assert (new.is_simple, new.joints) == (False, ("k", "l"))
