@@ -34,7 +34,7 @@ ROOMS = (
     "io.files",
     "io.trajectory",
     "io.recording",
-    "io.mcap",
+    "io.robot_log",
     "io.video",
     "io.lerobot",
     "io.urdf",

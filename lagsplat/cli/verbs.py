@@ -74,7 +74,7 @@ def inspect(given: Namespace) -> None:
 def _survey_log(path: Path) -> str:
     """Describe what may be read of a log; empty if the file or folder is none."""
     from lagsplat.io.lerobot.dataset import is_lerobot
-    from lagsplat.io.mcap.storage import is_log
+    from lagsplat.io.robot_log.storage import is_log
     from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES
     from lagsplat.report import inspection, inspection_datasets
 
@@ -87,9 +87,9 @@ def _survey_log(path: Path) -> str:
 
         return inspection_datasets.describe_hdf5(survey_hdf5(path))
     if is_log(path):
-        from lagsplat.io.mcap.survey import survey_mcap
+        from lagsplat.io.robot_log.survey import survey_log
 
-        return inspection.describe_mcap(survey_mcap(path))
+        return inspection.describe_log(survey_log(path))
     return ""
 
 

@@ -11,12 +11,12 @@ from lagsplat.io.krauss import read_krauss_npz
 from lagsplat.io.lerobot.dataset import is_lerobot
 from lagsplat.io.lerobot.recording import read_lerobot
 from lagsplat.io.lerobot.trajectory import read_lerobot_trajectory
-from lagsplat.io.mcap.recording import read_mcap
-from lagsplat.io.mcap.storage import is_log
-from lagsplat.io.mcap.trajectory import read_log_trajectory
-from lagsplat.io.mcap.write import is_session, read_session_motion
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import cut_at_gaps, cut_spans
+from lagsplat.io.robot_log.recording import read_log
+from lagsplat.io.robot_log.storage import is_log
+from lagsplat.io.robot_log.trajectory import read_log_trajectory
+from lagsplat.io.robot_log.write import is_session, read_session_motion
 from lagsplat.io.trajectory.trajectory import Trajectory, read_trajectory_file
 from lagsplat.io.video.read import read_video
 from lagsplat.video_quality.frames import FrameSettings
@@ -59,7 +59,7 @@ def read_recording(config: RecordingConfig) -> Recording:
             recording = read_lerobot(path, config.lerobot, settings)
         else:
             assert config.mcap is not None, "the configuration requires it of this kind"
-            recording = read_mcap(path, config.mcap, settings)
+            recording = read_log(path, config.mcap, settings)
     if config.spans_s is not None:
         recording = cut_spans(recording, config.spans_s)
     return cut_at_gaps(recording)

@@ -16,7 +16,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import require_same_run
 from lagsplat.evaluate.protocol import has_diverged, initial_states, select_held_out
 from lagsplat.io.files.ply import PlyCloud, write_cloud
-from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
+from lagsplat.io.robot_log.write import ImageTopic, NumberTopic, write_mcap
 from lagsplat.runs.run import FittedRun
 from lagsplat.splat.image_model import ALPHA_MIN
 from lagsplat.splat.point_cloud import to_quaternions

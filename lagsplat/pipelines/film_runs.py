@@ -19,11 +19,11 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.imaging.video_checks import drop_unusable_frames
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.files.atomic import sha256_of
-from lagsplat.io.mcap.survey import survey_mcap
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.io.robot_log.survey import survey_log
 from lagsplat.io.video.clips import find_clips
 from lagsplat.io.video.decode import read_frame_size
 from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
@@ -99,7 +99,7 @@ def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     path = Path(film.path).resolve()
     words = [f"profile={config.film_profile}", "system.title=film"]
     if film.kind == "mcap":
-        suggested = suggest_overrides(survey_mcap(path))
+        suggested = suggest_overrides(survey_log(path))
         if not suggested:
             raise ValueError(f"{path}: no topic holds pictures that can be read; name another log")
         # which numbers drive the mechanism the log does not tell

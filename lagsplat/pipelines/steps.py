@@ -25,10 +25,10 @@ from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.lerobot.dataset import is_lerobot
-from lagsplat.io.mcap.storage import is_log
 from lagsplat.io.read import read_recording as read_with
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.io.robot_log.storage import is_log
 from lagsplat.runs.fit import obtain_recording
 from lagsplat.runs.run import FittedRun, locate_artefact, open_run
 from lagsplat.stage1.autoencoder import Autoencoder

@@ -15,9 +15,9 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.free_motion import find_free_segments
 from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
-from lagsplat.io.mcap.survey import McapSurvey, TopicSummary
-from lagsplat.io.mcap.trajectory import is_joint_state
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.robot_log.survey import LogSurvey, TopicSummary
+from lagsplat.io.robot_log.trajectory import is_joint_state
 from lagsplat.io.video.proposal import IMAGE_MODEL, propose_settings
 
 MAX_INPUTS = 8
@@ -95,7 +95,7 @@ def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
     return ", ".join(segments) or f"no stretch of {config.free_min_s:g} s without a change of input"
 
 
-def describe_mcap(survey: McapSurvey) -> str:
+def describe_log(survey: LogSurvey) -> str:
     """Describe the topics of a log, what is damaged, and the commands that read it.
 
     Times count from the first message logged in the file.
@@ -125,7 +125,7 @@ def _describe_topic(topic: TopicSummary, start_ns: int) -> list[str]:
     return lines
 
 
-def _list_warnings(survey: McapSurvey) -> list[str]:
+def _list_warnings(survey: LogSurvey) -> list[str]:
     lines = [f"damaged    {loss}" for loss in survey.losses]
     for topic in survey.topics:
         if topic.problem:
@@ -140,7 +140,7 @@ def _list_warnings(survey: McapSurvey) -> list[str]:
     return lines
 
 
-def _list_advice(survey: McapSurvey) -> list[str]:
+def _list_advice(survey: LogSurvey) -> list[str]:
     overrides = suggest_overrides(survey)
     lines = _list_columns(survey)
     if not overrides:
@@ -160,7 +160,7 @@ def _list_advice(survey: McapSurvey) -> list[str]:
     return lines
 
 
-def suggest_overrides(survey: McapSurvey) -> list[str]:
+def suggest_overrides(survey: LogSurvey) -> list[str]:
     """Suggest the overrides that make a recording of the file; none without a camera.
 
     They name the camera with the most frames and numbers that vary.
@@ -195,7 +195,7 @@ def suggest_overrides(survey: McapSurvey) -> list[str]:
     ]
 
 
-def _list_columns(survey: McapSurvey) -> list[str]:
+def _list_columns(survey: LogSurvey) -> list[str]:
     columns = suggest_columns(survey)
     if not columns:
         return []
@@ -207,7 +207,7 @@ def _list_columns(survey: McapSurvey) -> list[str]:
     ]
 
 
-def suggest_columns(survey: McapSurvey) -> dict[str, str]:
+def suggest_columns(survey: LogSurvey) -> dict[str, str]:
     """Suggest the columns of a trajectory; none without a topic of ``JointState`` with positions that vary.
 
     They are its positions, its velocities if there is one for each, and as inputs the numbers that vary of

@@ -12,11 +12,11 @@ import numpy as np
 
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.lerobot.dataset import is_lerobot
-from lagsplat.io.mcap.storage import is_log
-from lagsplat.io.mcap.survey import has_images
-from lagsplat.io.mcap.write import is_session
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.robot_log.storage import is_log
+from lagsplat.io.robot_log.survey import has_images
+from lagsplat.io.robot_log.write import is_session
 from lagsplat.io.trajectory.sysid_series import find_control_file
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.io.mcap.write import ImageTopic, SessionLog, read_session, save_session
+from lagsplat.io.robot_log.write import ImageTopic, SessionLog, read_session, save_session
 from lagsplat.io.video.write import save_gif, save_mp4
 from lagsplat.viewer.rendering.renderer import FrameRenderer
 from lagsplat.viewer.simulation.history import SessionHistory

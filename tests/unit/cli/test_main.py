@@ -10,7 +10,7 @@ import pytest
 
 from lagsplat.cli.main import VERBS, CommandError, main
 from lagsplat.cli.verbs import FITTED_RUN_KEYS, parse_names, sample_times
-from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
+from lagsplat.io.robot_log.write import ImageTopic, NumberTopic, write_mcap
 
 
 @pytest.fixture

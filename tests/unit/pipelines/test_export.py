@@ -15,8 +15,8 @@ from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import save_recording
+from lagsplat.io.robot_log.recording import read_log
 from lagsplat.pipelines.export import encoded_motion, energies, export_mcap, predict
 from lagsplat.runs.run import FittedRun
 from lagsplat.stage1.autoencoder import decode_latents, save_autoencoder
@@ -46,7 +46,7 @@ def exported(run: FittedRun, settings: EvaluateConfig, tmp_path_factory: pytest.
 def test_our_reader_finds_the_recording_in_it(run: FittedRun, exported: Path) -> None:
     inputs = [McapInputConfig("/inputs", "push", "push", "N")]
     topics = McapConfig("/camera/recorded", inputs, "header", 0.5)
-    read = read_mcap(exported, topics, FrameSettings())
+    read = read_log(exported, topics, FrameSettings())
     np.testing.assert_array_equal(read.frames, run.recording.frames)
     np.testing.assert_allclose(read.time_s, run.recording.time_s, atol=1e-9)
     np.testing.assert_allclose(read.inputs, run.recording.inputs, atol=1e-7)

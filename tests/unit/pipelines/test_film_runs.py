@@ -22,7 +22,7 @@ from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 from lagsplat.pipelines.diagnosis_videos import open_recording_pair
 from lagsplat.stage1 import fit as stage1_fit
 from tests.films import RATE, swing, write_film
-from tests.unit.io.mcap.mcap_files import Take, by_this_package
+from tests.unit.io.robot_log.mcap_files import Take, by_this_package
 
 TOY = replace(compose().diagnose, film_profile="toy")
 SHAPE = (24, 32)

@@ -18,7 +18,7 @@ from lagsplat.io.files.artifact import save_artifact
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.trajectory.trajectory import Trajectory
-from tests.unit.io.mcap.bag_files import (
+from tests.unit.io.robot_log.bag_files import (
     STORAGES,
     arm,
     camera_rows,
@@ -27,7 +27,7 @@ from tests.unit.io.mcap.bag_files import (
     storage_file,
     write_bag,
 )
-from tests.unit.io.mcap.mcap_files import take
+from tests.unit.io.robot_log.mcap_files import take
 
 
 def kinds(argument: object) -> list[tuple[str, str]]:

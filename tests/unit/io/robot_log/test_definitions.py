@@ -8,11 +8,11 @@ import pytest
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from lagsplat.io.mcap.definitions import complete_definition
-from lagsplat.io.mcap.survey import survey_mcap
-from lagsplat.io.mcap.trajectory import read_log_trajectory
-from lagsplat.report.inspection import describe_mcap
-from tests.unit.io.mcap.bag_files import (
+from lagsplat.io.robot_log.definitions import complete_definition
+from lagsplat.io.robot_log.survey import survey_log
+from lagsplat.io.robot_log.trajectory import read_log_trajectory
+from lagsplat.report.inspection import describe_log
+from tests.unit.io.robot_log.bag_files import (
     STORE,
     arm,
     camera_rows,
@@ -21,7 +21,7 @@ from tests.unit.io.mcap.bag_files import (
     joint_rows,
     write_bag,
 )
-from tests.unit.io.mcap.mcap_files import START_NS, take
+from tests.unit.io.robot_log.mcap_files import START_NS, take
 
 OWN = "arm_msgs/msg/Load"
 IDL = """module arm_msgs { module msg { struct Load {
@@ -33,9 +33,9 @@ def test_a_bag_without_definitions_is_read_by_those_of_humble(tmp_path: Path) ->
     of = arm()
     rows = [*joint_rows(of), *command_rows(of), *camera_rows(take())]
     bag = write_bag(tmp_path / "bag", rows, "sqlite3")
-    before = describe_mcap(survey_mcap(bag))
+    before = describe_log(survey_log(bag))
     drop_definitions(bag)
-    assert describe_mcap(survey_mcap(bag)) == before
+    assert describe_log(survey_log(bag)) == before
     np.testing.assert_array_equal(read_log_trajectory(bag).q[:, ::-1], of.q)
 
 
@@ -49,7 +49,7 @@ def test_a_type_of_ones_own_needs_its_definition(tmp_path: Path) -> None:
     at_s = read_log_trajectory(bag, columns={"t": "log", **columns})
     assert at_s.u[:, 0] == pytest.approx(100.0 * (at_s.time_s + arm(20).ns[0] / 1e9))
     drop_definitions(bag)
-    told = describe_mcap(survey_mcap(bag))
+    told = describe_log(survey_log(bag))
     assert f"unreadable topic /load: the message logged at {START_NS} ns cannot be decoded: " in told
     with pytest.raises(ValueError, match=r"bag: topic /load: .*arm_msgs/msg/Load is unknown: the log has no"):
         read_log_trajectory(bag, columns=columns)

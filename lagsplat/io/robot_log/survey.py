@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.io.files.atomic import StrPath
-from lagsplat.io.mcap import messages
-from lagsplat.io.mcap.images import image_kind
-from lagsplat.io.mcap.storage import read_messages
+from lagsplat.io.robot_log import messages
+from lagsplat.io.robot_log.images import image_kind
+from lagsplat.io.robot_log.storage import read_messages
 
 
 @dataclass
@@ -57,7 +57,7 @@ class TopicSummary:
 
 
 @dataclass(frozen=True)
-class McapSurvey:
+class LogSurvey:
     """Topics of a log, by name, and its damage."""
 
     path: Path
@@ -65,7 +65,7 @@ class McapSurvey:
     losses: tuple[str, ...]
 
 
-def survey_mcap(path: StrPath) -> McapSurvey:
+def survey_log(path: StrPath) -> LogSurvey:
     """Summarise every topic of the log at ``path``, damaged or not, in one pass."""
     decoders, losses = messages.Decoders(), list[str]()
     topics: dict[str, TopicSummary] = {}
@@ -81,7 +81,7 @@ def survey_mcap(path: StrPath) -> McapSurvey:
                 topic.problem = str(error)
             else:
                 _look(topic, decoded, first)
-    return McapSurvey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
+    return LogSurvey(Path(path), tuple(topics[name] for name in sorted(topics)), tuple(losses))
 
 
 def has_images(path: StrPath) -> bool:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from lagsplat.io.mcap.messages import Decoders, list_number_paths, read_number, read_stamp_ns
-from lagsplat.io.mcap.recovery import read_whole_messages
-from tests.unit.io.mcap.mcap_files import NAMES, START_NS, WRITERS, take
+from lagsplat.io.robot_log.messages import Decoders, list_number_paths, read_number, read_stamp_ns
+from lagsplat.io.robot_log.recovery import read_whole_messages
+from tests.unit.io.robot_log.mcap_files import NAMES, START_NS, WRITERS, take
 
 WRENCH = {
     "header": {"stamp": {"sec": 3, "nanosec": 5}, "frame_id": "f"},

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from lagsplat.io.mcap import messages
-from lagsplat.io.mcap.images import CameraReader
-from lagsplat.io.mcap.storage import read_messages
+from lagsplat.io.robot_log import messages
+from lagsplat.io.robot_log.images import CameraReader
+from lagsplat.io.robot_log.storage import read_messages
 
 Times = tuple[Int64[np.ndarray, " K"], Bool[np.ndarray, " N"]]
 

@@ -13,16 +13,16 @@ import numpy as np
 
 from lagsplat.io.config import McapConfig
 from lagsplat.io.files.atomic import StrPath
-from lagsplat.io.mcap.images import CameraReader
-from lagsplat.io.mcap.storage import hash_log
-from lagsplat.io.mcap.topics import OF_RECORDING, TopicLog
 from lagsplat.io.recording.alignment import InputLog, align_log
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.robot_log.images import CameraReader
+from lagsplat.io.robot_log.storage import hash_log
+from lagsplat.io.robot_log.topics import OF_RECORDING, TopicLog
 from lagsplat.video_quality.assessment import assess_video
 from lagsplat.video_quality.frames import FrameSettings
 
 
-def read_mcap(path: StrPath, topics: McapConfig, settings: FrameSettings) -> Recording:
+def read_log(path: StrPath, topics: McapConfig, settings: FrameSettings) -> Recording:
     """Read the recording in the MCAP file or bag at ``path``.
 
     Dropped, each with a warning that counts them: repeated stamps, images that cannot be decoded, numbers

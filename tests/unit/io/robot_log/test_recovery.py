@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from lagsplat.io.mcap.recovery import read_whole_messages
+from lagsplat.io.robot_log.recovery import read_whole_messages
 
 N = 300
 

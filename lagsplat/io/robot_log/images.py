@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lagsplat.io.mcap.messages import read_field
+from lagsplat.io.robot_log.messages import read_field
 from lagsplat.video_quality.frames import FrameSettings, Thumbnails, crop_and_resize, rotate_image
 
 

@@ -21,7 +21,7 @@ from mcap.well_known import MessageEncoding
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoders
 from mcap_ros2.decoder import DecoderFactory as Ros2Decoders
 
-from lagsplat.io.mcap.definitions import complete_definition
+from lagsplat.io.robot_log.definitions import complete_definition
 
 STAMPS = ("timestamp", "stamp")
 SECONDS, NANOSECONDS = ("sec", "seconds", "secs"), ("nanosec", "nsec", "nanos", "nsecs")

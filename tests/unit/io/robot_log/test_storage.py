@@ -10,11 +10,11 @@ import pytest
 from rosbags.rosbag2 import CompressionMode
 
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap.recording import read_mcap
-from lagsplat.io.mcap.storage import hash_log, is_log, list_log_files, read_messages
-from lagsplat.io.mcap.trajectory import read_log_trajectory
+from lagsplat.io.robot_log.recording import read_log
+from lagsplat.io.robot_log.storage import hash_log, is_log, list_log_files, read_messages
+from lagsplat.io.robot_log.trajectory import read_log_trajectory
 from lagsplat.video_quality.frames import FrameSettings
-from tests.unit.io.mcap.bag_files import (
+from tests.unit.io.robot_log.bag_files import (
     STORAGES,
     arm,
     camera_rows,
@@ -24,7 +24,7 @@ from tests.unit.io.mcap.bag_files import (
     storage_file,
     write_bag,
 )
-from tests.unit.io.mcap.mcap_files import START_NS, take
+from tests.unit.io.robot_log.mcap_files import START_NS, take
 
 both = pytest.mark.parametrize("storage", STORAGES)
 
@@ -177,7 +177,7 @@ def test_a_camera_in_a_bag_gives_the_recording(tmp_path: Path, storage: str) -> 
     film = take()
     bag = write_bag(tmp_path / "bag", [*camera_rows(film), *joint_rows(arm())], storage)
     inputs = [McapInputConfig("/joint_states", "position[elbow]", "elbow", "rad")]
-    recording = read_mcap(bag, McapConfig("/camera", inputs, "header", 0.5), FrameSettings())
+    recording = read_log(bag, McapConfig("/camera", inputs, "header", 0.5), FrameSettings())
     kept = film.frame_ns >= arm().ns[0]
     np.testing.assert_array_equal(recording.frames, film.frames[kept])
     expected = np.interp(film.frame_ns[kept], arm().ns, arm().q[:, 1])
@@ -185,4 +185,4 @@ def test_a_camera_in_a_bag_gives_the_recording(tmp_path: Path, storage: str) -> 
     assert recording.meta["start_ns"] == START_NS + film.frame_ns[0]
     assert recording.meta["sha256"] == hash_log(bag)
     with pytest.raises(ValueError, match=r"'/camra' \(did you mean '/camera'\?\).*joint_states \(200\)"):
-        read_mcap(bag, McapConfig("/camra", [], "header", 0.5), FrameSettings())
+        read_log(bag, McapConfig("/camra", [], "header", 0.5), FrameSettings())

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mcap.stream_reader import StreamReader
 
-from lagsplat.io.mcap.recovery import read_whole_messages
-from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
+from lagsplat.io.robot_log.recovery import read_whole_messages
+from lagsplat.io.robot_log.write import ImageTopic, NumberTopic, write_mcap
 
 PICTURES = [np.full((4, 4, 3), i, np.uint8) for i in range(3)]
 TIMES = np.array([0.0, 0.1, 0.2])

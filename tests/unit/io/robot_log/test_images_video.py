@@ -11,10 +11,10 @@ import pytest
 from foxglove.channels import CompressedVideoChannel
 from foxglove.messages import CompressedVideo, Timestamp
 
-from lagsplat.io.mcap.images import VideoPackets
-from lagsplat.io.mcap.recording import read_mcap
+from lagsplat.io.robot_log.images import VideoPackets
+from lagsplat.io.robot_log.recording import read_log
 from lagsplat.video_quality.frames import FrameSettings
-from tests.unit.io.mcap.mcap_files import topics
+from tests.unit.io.robot_log.mcap_files import topics
 
 N = 12
 
@@ -56,7 +56,7 @@ def test_a_film_in_a_log_is_cut_by_the_stamps_of_its_packets(tmp_path: Path, vp9
         for i, packet in enumerate(vp9):
             stamped = Timestamp(sec=100, nsec=40_000_000 * i)
             camera.log(CompressedVideo(timestamp=stamped, data=packet, format="vp9"), log_time=i)
-    recording = read_mcap(path, topics(inputs=[]), FrameSettings(skip_s=0.1, end_s=0.3, size=(6, 8)))
+    recording = read_log(path, topics(inputs=[]), FrameSettings(skip_s=0.1, end_s=0.3, size=(6, 8)))
     np.testing.assert_allclose(recording.time_s, 0.04 * np.arange(3, 8), atol=1e-9)
     np.testing.assert_allclose(recording.frames.mean(axis=(1, 2, 3)), 20.0 * np.arange(3, 8), atol=6)
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from lagsplat.io.config import CLOCKS
 from lagsplat.io.files.atomic import StrPath
-from lagsplat.io.mcap.messages import Decoders, read_field
-from lagsplat.io.mcap.storage import read_messages
-from lagsplat.io.mcap.topics import OF_TRAJECTORY, TopicLog, list_counts, missing_topic
 from lagsplat.io.recording.alignment import AlignmentTerms, InputLog, align_log
+from lagsplat.io.robot_log.messages import Decoders, read_field
+from lagsplat.io.robot_log.storage import read_messages
+from lagsplat.io.robot_log.topics import OF_TRAJECTORY, TopicLog, list_counts, missing_topic
 from lagsplat.io.trajectory.columns import NUMBER, TIME
 from lagsplat.io.trajectory.trajectory import LONGEST_LOSS, Trajectory
 

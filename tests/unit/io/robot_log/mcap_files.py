@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lagsplat.io.config import McapConfig, McapInputConfig
-from lagsplat.io.mcap.write import ImageTopic, NumberTopic, write_mcap
+from lagsplat.io.robot_log.write import ImageTopic, NumberTopic, write_mcap
 
 START_NS = 1_700_000_000_000_000_000
 NAMES = ("shoulder", "elbow")

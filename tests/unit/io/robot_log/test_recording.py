@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from lagsplat.io.config import McapInputConfig
-from lagsplat.io.mcap.recording import read_mcap
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.robot_log.recording import read_log
 from lagsplat.video_quality.frames import FrameSettings
-from tests.unit.io.mcap.mcap_files import (
+from tests.unit.io.robot_log.mcap_files import (
     START_NS,
     WRITERS,
     Take,
@@ -28,7 +28,7 @@ ONE = [McapInputConfig("/joints", "x", "x", "N")]
 
 
 def read(path: Path, config: Any, **changes: Any) -> Recording:
-    return read_mcap(path, config, FrameSettings(**changes))
+    return read_log(path, config, FrameSettings(**changes))
 
 
 def interpolated(film: Take) -> np.ndarray:

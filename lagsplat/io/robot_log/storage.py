@@ -18,8 +18,8 @@ from mcap.records import Channel, Message, Schema
 from mcap.well_known import MessageEncoding
 
 from lagsplat.io.files.atomic import StrPath, sha256_of
-from lagsplat.io.mcap.recovery import read_whole_messages
-from lagsplat.io.mcap.sqlite_storage import read_sqlite_messages
+from lagsplat.io.robot_log.recovery import read_whole_messages
+from lagsplat.io.robot_log.sqlite_storage import read_sqlite_messages
 from lagsplat.provenance import sha256_hex
 
 Messages = Iterator[tuple[Schema | None, Channel, Message]]

@@ -10,10 +10,10 @@ import pytest
 import lagsplat
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
-from lagsplat.io.mcap.survey import survey_mcap
-from lagsplat.io.mcap.trajectory import read_log_trajectory
-from lagsplat.report.inspection import describe_mcap, suggest_columns
-from tests.unit.io.mcap.bag_files import (
+from lagsplat.io.robot_log.survey import survey_log
+from lagsplat.io.robot_log.trajectory import read_log_trajectory
+from lagsplat.report.inspection import describe_log, suggest_columns
+from tests.unit.io.robot_log.bag_files import (
     JOINT,
     STORAGES,
     STORE,
@@ -24,7 +24,7 @@ from tests.unit.io.mcap.bag_files import (
     joint_rows,
     write_bag,
 )
-from tests.unit.io.mcap.mcap_files import START_NS, by_json, take
+from tests.unit.io.robot_log.mcap_files import START_NS, by_json, take
 
 both = pytest.mark.parametrize("storage", STORAGES)
 BY_NAME = {f"q{i}": f"/joint_states.position[{name}]" for i, name in enumerate(("shoulder", "elbow"))}
@@ -159,7 +159,7 @@ def test_what_inspect_suggests_can_be_typed_and_read(
     *_, real, columns = shlex.split(block)
     assert real == f"real={bag}"
     chosen = compose(columns).diagnose.columns
-    assert chosen == suggest_columns(survey_mcap(bag))
+    assert chosen == suggest_columns(survey_log(bag))
     assert list(chosen) == ["q0", "q1", "v0", "v1", "u0", "u1"]
     motion = lagsplat.read_trajectory(bag, columns=chosen)
     np.testing.assert_array_equal(motion.q, of.q[:, ::-1])
@@ -168,6 +168,6 @@ def test_what_inspect_suggests_can_be_typed_and_read(
 
 def test_without_commands_efforts_are_suggested(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", joint_rows(arm()), "mcap")
-    columns = suggest_columns(survey_mcap(bag))
+    columns = suggest_columns(survey_log(bag))
     assert columns["u1"] == "/joint_states.effort[shoulder]"
-    assert "there is no recording in this file" in describe_mcap(survey_mcap(bag))
+    assert "there is no recording in this file" in describe_log(survey_log(bag))

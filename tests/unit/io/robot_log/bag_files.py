@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from tests.unit.io.mcap.mcap_files import NAMES, START_NS, Take, png
+from tests.unit.io.robot_log.mcap_files import NAMES, START_NS, Take, png
 
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.io.mcap.images import COMPRESSED, LAYOUTS, RAW, VIDEO, decode_image, image_kind
+from lagsplat.io.robot_log.images import COMPRESSED, LAYOUTS, RAW, VIDEO, decode_image, image_kind
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (4, 6, 3), np.uint8)
