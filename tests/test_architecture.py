@@ -75,7 +75,6 @@ ROOMS = (
     "report.tables",
     "report.figures",
     "report.inspection",
-    "report.inspection_datasets",
     "report.diagnosis",
     "config",
     "planning",

@@ -41,12 +41,6 @@ def inspect(given: Namespace) -> None:
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    from lagsplat.io.read import read_recording
-    from lagsplat.io.recording.recording import load_recording
-    from lagsplat.io.recording.segments import split_train_held_out
-    from lagsplat.pipelines.steps import reading_overrides
-    from lagsplat.report import inspection
-
     survey = _survey_log(path)
     if survey:
         print(survey)
@@ -54,21 +48,27 @@ def inspect(given: Namespace) -> None:
         if not any(word.startswith(cameras) for word in words):
             return
         print()
+    from lagsplat.io.read import read_recording
+    from lagsplat.io.recording.recording import load_recording
+    from lagsplat.io.recording.segments import split_train_held_out
+    from lagsplat.pipelines.steps import reading_overrides
+    from lagsplat.report.inspection.recording import describe_recording, describe_video, propose_system
+
     experiment = compose(*reading_overrides(path), *words[1:])
     is_artefact = path.suffix == ".safetensors"
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         recording = load_recording(path) if is_artefact else read_recording(experiment.recording)
     divided = split_train_held_out(recording, experiment.recording.split)
-    print(inspection.describe_recording(divided, config=experiment.evaluate))
+    print(describe_recording(divided, config=experiment.evaluate))
     if recording.meta.get("footage"):
-        description = inspection.describe_video(recording)
+        description = describe_video(recording)
         print(description)
         for text in (str(warning.message) for warning in caught):
             if text.partition(": ")[2] not in description:
                 print(f"warning    {text}")
         if experiment.recording.kind == "video":
-            print(inspection.propose_system(recording, path=path, settings=experiment.recording))
+            print(propose_system(recording, path=path, settings=experiment.recording))
 
 
 def _survey_log(path: Path) -> str:
@@ -76,20 +76,22 @@ def _survey_log(path: Path) -> str:
     from lagsplat.io.lerobot.dataset import is_lerobot
     from lagsplat.io.robot_log.storage import is_log
     from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES
-    from lagsplat.report import inspection, inspection_datasets
 
     if is_lerobot(path):
         from lagsplat.io.lerobot.survey import survey_lerobot
+        from lagsplat.report.inspection.dataset import describe_lerobot
 
-        return inspection_datasets.describe_lerobot(survey_lerobot(path))
+        return describe_lerobot(survey_lerobot(path))
     if path.suffix.lower() in HDF5_SUFFIXES:
         from lagsplat.io.trajectory.hdf5 import survey_hdf5
+        from lagsplat.report.inspection.dataset import describe_hdf5
 
-        return inspection_datasets.describe_hdf5(survey_hdf5(path))
+        return describe_hdf5(survey_hdf5(path))
     if is_log(path):
         from lagsplat.io.robot_log.survey import survey_log
+        from lagsplat.report.inspection.log import describe_log
 
-        return inspection.describe_log(survey_log(path))
+        return describe_log(survey_log(path))
     return ""
 
 

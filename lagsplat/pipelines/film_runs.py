@@ -30,7 +30,7 @@ from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
 from lagsplat.pipelines.diagnosis_videos import HELD_OUT, read_real_video
 from lagsplat.pipelines.steps import reading_overrides
 from lagsplat.provenance import code_digest, set_threads, sha256_hex
-from lagsplat.report.inspection import suggest_overrides
+from lagsplat.report.inspection.log import suggest_overrides
 from lagsplat.runs.fit import fit_run
 from lagsplat.video_quality.assessment import LEAST_FRAMES, LEVELS
 

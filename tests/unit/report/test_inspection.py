@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.inspection import describe_recording
+from lagsplat.report.inspection.recording import describe_recording
 from tests.films import swing, write_film
 
 DT_S = 0.02

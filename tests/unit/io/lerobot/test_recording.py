@@ -13,7 +13,7 @@ from lagsplat.io.config import LerobotConfig
 from lagsplat.io.lerobot.recording import read_lerobot
 from lagsplat.io.lerobot.survey import survey_lerobot
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.inspection_datasets import describe_lerobot
+from lagsplat.report.inspection.dataset import describe_lerobot
 from lagsplat.video_quality.frames import FrameSettings
 from tests.unit.io.lerobot.datasets import NAMES, block, change_info, rewrite, rows_of, scale
 

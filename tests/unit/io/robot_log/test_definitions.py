@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from lagsplat.io.robot_log.definitions import complete_definition
 from lagsplat.io.robot_log.survey import survey_log
 from lagsplat.io.robot_log.trajectory import read_log_trajectory
-from lagsplat.report.inspection import describe_log
+from lagsplat.report.inspection.log import describe_log
 from tests.unit.io.robot_log.bag_files import (
     STORE,
     arm,

@@ -9,7 +9,7 @@ import pytest
 from lagsplat.config.compose import compose
 from lagsplat.io.read import read_recording
 from lagsplat.io.robot_log.survey import survey_log
-from lagsplat.report.inspection import describe_log, suggest_overrides
+from lagsplat.report.inspection.log import describe_log, suggest_overrides
 from tests.unit.io.robot_log.mcap_files import START_NS, WRITERS, by_json, by_rosbags, json_take, take
 
 

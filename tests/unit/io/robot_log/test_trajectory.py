@@ -12,7 +12,7 @@ from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.io.robot_log.survey import survey_log
 from lagsplat.io.robot_log.trajectory import read_log_trajectory
-from lagsplat.report.inspection import describe_log, suggest_columns
+from lagsplat.report.inspection.log import describe_log, suggest_columns
 from tests.unit.io.robot_log.bag_files import (
     JOINT,
     STORAGES,

@@ -13,7 +13,7 @@ import pytest
 from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.trajectory.hdf5 import survey_hdf5
-from lagsplat.report.inspection_datasets import describe_hdf5
+from lagsplat.report.inspection.dataset import describe_hdf5
 
 TIME_S = np.arange(20) * 0.1
 ANGLES = np.stack([np.sin(TIME_S), np.cos(TIME_S)], axis=1)

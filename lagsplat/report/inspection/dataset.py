@@ -8,7 +8,7 @@ from lagsplat.io.lerobot.survey import CameraSummary, LerobotSurvey
 from lagsplat.io.lerobot.units import ACTION, STATE, describe_unit
 from lagsplat.io.trajectory.hdf5 import Hdf5Survey
 from lagsplat.io.video.proposal import fit_frame
-from lagsplat.report.inspection import quote
+from lagsplat.report.inspection.words import quote
 
 MAX_LISTED = 12
 
