@@ -32,7 +32,7 @@ writer.release()
 # %%
 split = ("recording.split.train_fraction=null", "recording.split.held_out_frames=30")
 film = lagsplat.read_recording("swing.avi", *split)
-figure, axes = plt.subplots(1, 5, figsize=(7, 1.25), layout="constrained")
+figure, axes = plt.subplots(1, 5, figsize=(7, 1.4), layout="constrained")
 for axis, k in zip(axes, range(0, 15, 3), strict=True):
     axis.imshow(film.frames[k])
     axis.set_title(f"{film.time_s[k]:.2f} s", fontsize="small")
@@ -141,7 +141,7 @@ figure.savefig("push.png")
 # %%
 moments = [0.0, 0.23, 0.47, 1.27, 1.5]
 shown = point.render_images(torch.from_numpy(pushed[[round(t / run.chart.dt_s) for t in moments]]), scale=4)
-figure, axes = plt.subplots(1, 5, figsize=(7, 1.25), layout="constrained")
+figure, axes = plt.subplots(1, 5, figsize=(7, 1.4), layout="constrained")
 for axis, picture, t in zip(axes, shown, moments, strict=True):
     axis.imshow(np.clip(picture, 0, 1))
     axis.set_title(f"{t:.2f} s", fontsize="small")
