@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs lock package crate
+.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -31,6 +31,14 @@ view: .venv/.installed
 # The documentation as a site, in build/docs; a broken link or docstring is an error.
 docs: .venv/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# The pictures and pages that the notebooks of the documentation show; they run in build/notebooks.
+notebooks: .venv/.installed
+	set -e; for script in docs/notebooks/*.py; do \
+	    name=$$(basename $$script .py); rm -rf build/notebooks/$$name; mkdir -p build/notebooks/$$name docs/notebooks/$$name; \
+	    (cd build/notebooks/$$name && MPLBACKEND=Agg $(CURDIR)/$(BIN)/python $(CURDIR)/$$script); \
+	    find build/notebooks/$$name -maxdepth 1 -name '*.png' -o -name run.html | xargs cp -t docs/notebooks/$$name; \
+	done
 
 # What takes one core each goes side by side; the scenarios compile Numba's kernels for all that follow. Then the
 # browser's tests, since a browser that draws in software takes all cores, and then the others on all of them.
