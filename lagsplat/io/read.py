@@ -86,9 +86,9 @@ def read_trajectory(
     columns: Mapping[str, str] | None = None,
     joint_unit: str | None = None,
 ) -> Trajectory:
-    """Read a trajectory from CSV, Parquet, NPZ, MATLAB, HDF5, a LeRobot dataset, an MCAP file, a ROS 2 bag or
-    a saved session.
+    """Read a trajectory from a table, a LeRobot dataset, a robot's log or a saved session.
 
+    Tables are CSV, Parquet, NPZ, MATLAB or HDF5 files, logs are MCAP files or ROS 2 bags.
     ``columns`` maps standard names to the file's own, as in `read_trajectory_file`; of a log to the numbers
     in its messages, ``TOPIC.FIELD``, as in `read_log_trajectory`. ``joint_unit``, ``degree``, ``radian`` or
     ``as_written``, is that of the joints in a LeRobot dataset, as in `read_lerobot_trajectory`; other files

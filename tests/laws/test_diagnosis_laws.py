@@ -20,10 +20,10 @@ RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "viscous_damp
 U = wave(4)
 
 
-def told(sim: EstimatedSimulator, real: list[Trajectory]) -> Diagnosis:
-    """The diagnosis among a few effects."""
+def told(sim: EstimatedSimulator, real: list[Trajectory], *, places: int = 1) -> Diagnosis:
+    """The diagnosis among a few effects, each at so many places."""
     left_out = sorted(set(catalogue()) - set(RIVALS))
-    config = replace(settings(), without=left_out, always_fitted=[], families=3, starts=1, places=1)
+    config = replace(settings(), without=left_out, always_fitted=[], families=3, starts=1, places=places)
     return diagnose(sim, real, config).diagnosis
 
 
@@ -121,8 +121,8 @@ def test_the_order_of_coordinates_and_inputs_moves_nothing() -> None:
         input_map=model.input_map[turned[:3]][:, ::-1, ::-1].copy(),
     )
     first, second = (
-        told(EstimatedSimulator.exact(model), [one]),
-        told(EstimatedSimulator.exact(other), [swapped]),
+        told(EstimatedSimulator.exact(model), [one], places=2),
+        told(EstimatedSimulator.exact(other), [swapped], places=2),
     )
     assert first.combination == second.combination == ("quadratic_drag",)
     assert first.candidates[0].coordinate == second.candidates[0].coordinate == "q1"
