@@ -21,16 +21,7 @@ from lagsplat.io.trajectory.sysid_series import find_control_file
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.io.video.clips import IMAGE_SUFFIXES, VIDEO_SUFFIXES, natural_order
 
-TABLES = (
-    ".csv",
-    ".txt",
-    ".tsv",
-    ".parquet",
-    ".pq",
-    ".mat",
-    ".h5",
-    ".hdf5",
-)  # suffixes of trajectory files that are tables
+TABLES = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".mat", ".h5", ".hdf5")  # suffixes of trajectories
 VIDEOS = (*VIDEO_SUFFIXES, ".mcap")
 VIDEO_KINDS = ("video", "mcap", "krauss", "recording")  # hold frames, and need an encoder
 PYTHON_OBJECT = r"([A-Za-z_][\w.]*|.+\.py):[A-Za-z_][\w.]*"  # module:attribute or file.py:attribute
@@ -127,23 +118,20 @@ def adopt_names(motions: Sequence[Trajectory], sims: Sequence[Trajectory]) -> tu
     """
     if not sims:
         return tuple(motions)
-    adopted, names = [], (sims[0].q_names, sims[0].u_names)
-    standard = tuple(
-        tuple(f"{letter}{i}" for i in range(len(own))) for letter, own in zip("qu", names, strict=True)
-    )
-    for motion in motions:
-        own = (motion.q_names, motion.u_names)
-        if (
-            names == standard
-            and own != names
-            and [len(each) for each in own] == [len(each) for each in names]
-        ):
-            pairs = zip((*names[0], *names[1]), (*own[0], *own[1]), strict=True)
-            listed = ", ".join(f"{theirs} is {ours}" for theirs, ours in pairs)
-            warnings.warn(f"{motion.source}: by its place among the sim's columns, {listed}", stacklevel=3)
-            motion = replace(motion, q_names=names[0], u_names=names[1])
-        adopted.append(motion)
-    return tuple(adopted)
+    q_names, u_names = sims[0].q_names, sims[0].u_names
+    standard = [f"q{i}" for i in range(len(q_names))] + [f"u{i}" for i in range(len(u_names))]
+    if [*q_names, *u_names] != standard:
+        return tuple(motions)
+    return tuple(_rename_by_place(motion, q_names, u_names) for motion in motions)
+
+
+def _rename_by_place(motion: Trajectory, q_names: tuple[str, ...], u_names: tuple[str, ...]) -> Trajectory:
+    own, other = (*motion.q_names, *motion.u_names), (*q_names, *u_names)
+    if own == other or (motion.d, motion.n_u) != (len(q_names), len(u_names)):
+        return motion
+    listed = ", ".join(f"{theirs} is {ours}" for theirs, ours in zip(other, own, strict=True))
+    warnings.warn(f"{motion.source}: by its place among the sim's columns, {listed}", stacklevel=4)
+    return replace(motion, q_names=q_names, u_names=u_names)
 
 
 def make_video_trajectory(recording: Recording, latents: np.ndarray, *, source: str) -> Trajectory:
