@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import IDENTIFICATION, NOVELTY, DiagnoseConfig
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.estimation import dataset
-from lagsplat.diagnose.identification.novelty import NoveltyDetector, drop_outlier_windows
+from lagsplat.diagnose.identification.novelty import KnownRegion, NoveltyDetector, drop_outlier_windows
 from lagsplat.diagnose.identification.structure_search import (
     IdentifiedModel,
     InformationCriterion,
@@ -31,14 +31,18 @@ class EstimatedSimulator:
     window_scale: float = 1.0  # length of the windows that it can predict, as a share of that in the settings
     original: "EstimatedSimulator | None" = None  # before its coefficients were recalibrated, if they were
     novelty_detector: NoveltyDetector | None = None  # where windows unlike its own are to be left out
+    known_region: KnownRegion | None = None  # outside of which its law is not to be trusted
     outlier_spans: tuple[dataset.FileSpan, ...] = ()
     """Parts of its own recordings that were left out, because no law fits them together with the rest."""
     criterion: InformationCriterion | None = None  # of the model, if it was identified
 
     @classmethod
-    def exact(cls, model: MechanicalModel) -> "EstimatedSimulator":
+    def exact(
+        cls, model: MechanicalModel, *, known_region: KnownRegion | None = None
+    ) -> "EstimatedSimulator":
         """A simulator whose model is given, so that nothing about it is uncertain."""
-        return cls(model, np.zeros((0, flatten_coefficients(model).size)), 1.0)
+        directions = np.zeros((0, flatten_coefficients(model).size))
+        return cls(model, directions, 1.0, known_region=known_region)
 
 
 def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) -> EstimatedSimulator:

@@ -19,6 +19,26 @@ from lagsplat.diagnose.identification.structure_search import IdentifiedModel
 
 
 @dataclass(frozen=True)
+class KnownRegion:
+    """The ball of coordinates in which a law was fitted; its polynomials mean nothing far outside."""
+
+    center: Float64[np.ndarray, " d"]
+    radius: float
+    room: float  # how far outside, as a share of the radius, the law is still defined [1]
+
+    def measure_distance(self, q: Float64[np.ndarray, "*n d"]) -> Float64[np.ndarray, "*n"]:
+        """Distance from the center, as a share of the radius."""
+        return np.asarray(np.linalg.norm(q - self.center, axis=-1)) / self.radius
+
+    def find_inside(
+        self, recorded: Float64[np.ndarray, "W L d"], predicted: Float64[np.ndarray, "W L d"]
+    ) -> Bool[np.ndarray, " W"]:
+        """Which windows are recorded inside the ball and predicted near it."""
+        inside = self.measure_distance(recorded).max(axis=1) <= 1.0
+        return inside & (self.measure_distance(predicted).max(axis=1) <= 1.0 + self.room)
+
+
+@dataclass(frozen=True)
 class NoveltyDetector:
     """A simulator's own windows as points in a space of standardised features."""
 

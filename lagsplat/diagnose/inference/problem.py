@@ -44,7 +44,7 @@ class EstimationProblem:
     noise_inflation: float
     """Factor on the noise variance in fits: misfit on the sim's own recordings, and its correlation."""
     period_s: float  # longest natural period of the sim about its rest [s]
-    excluded_windows: int  # number of windows that are left out because the sim was never seen to move so
+    excluded_windows: int = 0  # windows that are left out because the sim was never seen to move so
 
     @property
     def dataset(self) -> Dataset:
@@ -232,23 +232,35 @@ def _build_problem(
     windows = cut_windows(record, length_s=reach_s, min_frames=PROBLEM.min_window_frames)
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=PROBLEM.min_window_frames)
-    like = np.ones(len(windows.first), dtype=bool)  # windows that move as the sim was seen to move
-    if sim.novelty_detector is not None:
-        similar = sim.novelty_detector.find_similar(windows, ready.smooth, record)
-        like = similar if similar.sum() > PROBLEM.min_known_share * len(like) else like
     problem = EstimationProblem(
         RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth),
-        windows=windows.select(like),
+        windows=windows,
         sigma=ready.sigma,
         iterations=config.iterations,
         tolerance=config.tolerance,
         repeated_samples=find_repeated_samples(record.q, record.clips, ready.sigma),
         noise_inflation=max(sim.misfit, 1.0) * sim.correlation,
         period_s=longest_s,
-        excluded_windows=int(np.count_nonzero(~like)),
     )
+    problem = _leave_out_unknown(problem, sim)
     kept = select_visible_directions(problem, sim.uncertainty_directions)
     return problem.with_nuisance(replace(nuisance, directions=kept))
+
+
+def _leave_out_unknown(problem: EstimationProblem, sim: EstimatedSimulator) -> EstimationProblem:
+    """The problem without the windows in which the sim was never seen, unless they are too many."""
+    windows, smooth = problem.windows, problem.rollout_model.smooth
+    known = np.ones(len(windows.first), dtype=bool)
+    if sim.novelty_detector is not None:
+        known &= sim.novelty_detector.find_similar(windows, smooth, problem.dataset)
+    if sim.known_region is not None:
+        as_given = np.zeros((1, problem.rollout_model.nuisance.size))
+        predicted = problem.predict(())(as_given, problem.initial_states[None])[0]
+        known &= sim.known_region.find_inside(windows.take(smooth), predicted)
+    if not known.sum() > PROBLEM.min_known_share * len(known):
+        return problem
+    excluded = int(np.count_nonzero(~known))
+    return replace(problem, windows=windows.select(known), excluded_windows=excluded)
 
 
 def select_visible_directions(

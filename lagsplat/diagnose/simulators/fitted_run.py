@@ -5,6 +5,7 @@ higher degree. So it is diagnosed over ``x``, and any other law over the latents
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,8 +14,10 @@ from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.identification.novelty import KnownRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
 from lagsplat.io.trajectory.trajectory import Trajectory
+from lagsplat.monomials import ROOM
 from lagsplat.stage2.lagrangian import Lagrangian
 
 MIN_INSIDE = 0.5  # share of a region within the data of the fit, from which the rest is left out
@@ -48,15 +51,17 @@ def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -
             f"{what}: the run has {lagrangian.d} latent(s) and {lagrangian.n_inputs} input(s), but the "
             f"recording {region.d} and {region.n_u}; encode the recording with this run's own autoencoder"
         )
-    law, max_degree = lagrangian.in_own_coordinates(), None
+    law, max_degree, known = lagrangian.in_own_coordinates(), None, None
     if law.energy is not None:
         degrees, ball = law.form.degrees, law.energy.ball.numpy()
         max_degree = max(degrees.potential, degrees.inputs, 2 * degrees.matrices)
-        inside = np.linalg.norm(region.q - ball[:-1], axis=1) < ball[-1]
+        known = KnownRegion(ball[:-1], float(ball[-1]), ROOM)
+        inside = known.measure_distance(region.q) < 1.0
         # a recording that is nearly all outside is beyond what the run was fitted to, and reported as such
         if inside.mean() > MIN_INSIDE:
             region = region.select(inside)
-    return project_fields(make_run_fields(law, region), region, what=what, max_degree=max_degree)
+    projected = project_fields(make_run_fields(law, region), region, what=what, max_degree=max_degree)
+    return replace(projected, known_region=known)
 
 
 def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFunctions:

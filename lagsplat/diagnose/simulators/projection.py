@@ -18,6 +18,7 @@ from scipy.optimize import root
 
 from lagsplat.diagnose.core.config import PROJECTION
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
+from lagsplat.diagnose.identification.novelty import KnownRegion
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
@@ -61,6 +62,7 @@ class ProjectedModel:
 
     model: MechanicalModel
     error: float  # root mean square error of its acceleration, relative to that of the acceleration itself
+    known_region: KnownRegion | None = None  # in which the simulator was fitted, if it was
 
 
 def project_fields(
