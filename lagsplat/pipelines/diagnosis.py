@@ -25,9 +25,12 @@ from lagsplat.diagnose.effects.base import InputEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.problem import measure_misfit
 from lagsplat.diagnose.inference.profile_likelihood import compute_profiles, compute_separability
-from lagsplat.diagnose.inference.recalibration import calibrate_null_evidence, match_windows
+from lagsplat.diagnose.inference.recalibration import (
+    calibrate_null_evidence,
+    choose_null_windows,
+    separate_own_error,
+)
 from lagsplat.diagnose.residual.components import compute_residual_correlations
 from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQuality, measure_error_stages
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
@@ -58,12 +61,13 @@ def prepare_search(
 ) -> tuple[EstimatedSimulator, DiagnoseConfig, float]:
     """The sim, the settings and the log evidence that effects gain by the sim's own errors [nat].
 
-    They are adapted to the recordings: the sim's misfit to the windows that move alike.
+    They are adapted to the recordings: the sim's misfit to the windows that move alike. The error of a fitted
+    run on its own recordings counts as noise.
     """
     sim, null_motion, log_evidence_offset = inputs.sim, inputs.null_motion, 0.0
-    if null_motion is not None and sim.novelty_detector is not None:
+    if null_motion is not None and inputs.recordings is not None:
         with contextlib.suppress(ValueError):  # the reference is too short for a window
-            sim = measure_misfit(sim, match_windows(sim, null_motion, inputs.real, config))
+            sim = separate_own_error(sim, choose_null_windows(sim, null_motion, inputs.real, config))
     config = _adapt_settings(replace(inputs, sim=sim), config)
     if null_motion is not None:
         with contextlib.suppress(ValueError):  # likewise

@@ -23,8 +23,7 @@ from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
-from lagsplat.diagnose.inference.problem import calibrate_misfit
-from lagsplat.diagnose.inference.recalibration import recalibrate_simulator
+from lagsplat.diagnose.inference.recalibration import calibrate_misfit, recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
 from lagsplat.diagnose.simulators.mujoco_model import check_urdf, find_position_targets, load_mujoco
 from lagsplat.diagnose.simulators.sources import (

@@ -28,6 +28,8 @@ class EstimatedSimulator:
     uncertainty_directions: Float64[np.ndarray, "R K"]  # changes of all coefficients by a standard deviation
     misfit: float  # mean square residual on its own recordings, in units of their noise
     correlation: float = 1.0  # samples of that residual that count as one independent sample
+    own_error: Float64[np.ndarray, " d"] | float = 0.0
+    """Mean square error of its forecasts of its own recordings, beyond the noise [coordinate^2]."""
     window_scale: float = 1.0  # length of the windows that it can predict, as a share of that in the settings
     original: "EstimatedSimulator | None" = None  # before its coefficients were recalibrated, if they were
     novelty_detector: NoveltyDetector | None = None  # where windows unlike its own are to be left out

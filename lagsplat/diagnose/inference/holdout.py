@@ -144,7 +144,9 @@ class HeldOutForecast:
     y: Float64[np.ndarray, "B L d"]
     error: Float64[np.ndarray, "B L d"]
     squares: Float64[np.ndarray, " B"]  # of the errors, at most `HOLDOUT.most_error` squared
-    floor: Float64[np.ndarray, " B"]  # expected of a true law, from the noise
+    floor: Float64[
+        np.ndarray, " B"
+    ]  # expected where nothing is missing: of the noise and the sim's own error
 
     @property
     def rms_error(self) -> float:
@@ -207,9 +209,26 @@ class HeldOutBlocks:
         if any(isinstance(placed.effect, SampleEffect) and placed.effect.repeats for placed in effects):
             error[self.blocks.take(self.problem.repeated_samples)] = 0.0
         squares = compute_relative_square_error(error, self.rms)
-        floor = np.mean(forecast.expected / self.rms**2, axis=(1, 2))
+        floor = np.mean((forecast.expected + self.problem.own_error) / self.rms**2, axis=(1, 2))
         bounded = (np.minimum(np.nan_to_num(x, nan=most, posinf=most), most) for x in (squares, floor))
         return HeldOutForecast(forecast.y, error, *bounded)
+
+
+def measure_own_error(problem: EstimationProblem, none: HypothesisFit) -> Float64[np.ndarray, " d"]:
+    """Mean square error of the sim's forecasts of its own recordings, beyond the noise [coordinate^2].
+
+    A learned law misses what it was learned from; no effect can take its error below that. Zero where the
+    recordings are too short to hold anything out.
+    """
+    try:
+        held_out = HeldOutBlocks(problem, split_windows(problem, none))
+    except ValueError:
+        return np.zeros(problem.dataset.d)
+    x = fit_half(held_out.half, none)
+    forecast, most = forecast_blocks(problem, held_out.blocks, (), x), HOLDOUT.most_error * held_out.rms
+    errors = (np.nan_to_num(np.abs(forecast.y - held_out.real), nan=np.inf), np.sqrt(forecast.expected))
+    square, expected = (np.mean(np.minimum(error, most) ** 2, axis=(0, 1)) for error in errors)
+    return np.maximum(square - expected, 0.0)
 
 
 @dataclass(frozen=True)

@@ -311,7 +311,7 @@ def _explain_by_sample_noise(
     # from one sample to the next; noise of single samples has none
     correlation = float((seen[:, 1:] * seen[:, :-1]).sum() / max((seen**2).sum(), np.finfo(float).tiny))
     credit = min(max(0.0, 1.0 - correlation / SELECTION.max_noise_correlation), 1.0)
-    speed = problem.windows.take(record.v) / problem.sigma * record.dt_s
+    speed = problem.windows.take(record.v) / problem.deviation * record.dt_s
     for candidate in candidates:
         if not isinstance(candidate.effect, SampleEffect):
             continue

@@ -20,7 +20,6 @@ from lagsplat.diagnose.data_quality.natural_period import (
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows, prepare_dataset
-from lagsplat.diagnose.estimation.multiple_shooting import compute_autocorrelation_time
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -44,6 +43,8 @@ class EstimationProblem:
     noise_inflation: float
     """Factor on the noise variance in fits: misfit on the sim's own recordings, and its correlation."""
     period_s: float  # longest natural period of the sim about its rest [s]
+    own_error: Float64[np.ndarray, " d"] | float = 0.0
+    """Mean square error of the sim's forecasts of its own recordings, beyond the noise [coordinate^2]."""
     excluded_windows: int = 0  # windows that are left out because the sim was never seen to move so
 
     @property
@@ -58,13 +59,18 @@ class EstimationProblem:
 
     @cached_property
     def data(self) -> shooting.ShootingData:
-        """The windows' samples with their weights, 1 / sigma, and the steps of the initial states."""
+        """The windows' samples, their weights, one over their `deviation`, and the initial states' steps."""
         q, v = self.dataset.q, self.dataset.v
         return shooting.ShootingData(
             self.windows.take(q),
-            (self.windows.mask() * ~self.repeats)[..., None] / self.sigma,
+            (self.windows.mask() * ~self.repeats)[..., None] / self.deviation,
             1e-4 * np.concatenate([np.std(q, axis=0), np.std(v, axis=0)]),
         )
+
+    @property
+    def deviation(self) -> Float64[np.ndarray, " d"]:
+        """Standard deviation of a sample from the forecast of a sim that lacks nothing."""
+        return np.sqrt(self.sigma**2 + self.own_error)
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -241,6 +247,7 @@ def _build_problem(
         repeated_samples=find_repeated_samples(record.q, record.clips, ready.sigma),
         noise_inflation=max(sim.misfit, 1.0) * sim.correlation,
         period_s=longest_s,
+        own_error=sim.own_error,
     )
     problem = _leave_out_unknown(problem, sim)
     kept = select_visible_directions(problem, sim.uncertainty_directions)
@@ -279,29 +286,6 @@ def select_visible_directions(
     values, vectors = np.linalg.eigh(curvature[n - len(freedom) :, n - len(freedom) :])
     chosen = np.argsort(values)[::-1][: PROBLEM.max_open_directions]
     return vectors[:, chosen[values[chosen] > PROBLEM.min_visibility]].T @ freedom
-
-
-def calibrate_misfit(
-    sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
-) -> EstimatedSimulator:
-    """Measure a given sim's misfit, and its correlation, on recordings of the very mechanism it models.
-
-    An error of a sim lasts for a part of a period, so many samples count as one. Of long recordings windows
-    that last ``config.reference_longest_s`` together are used, evenly spread.
-    """
-    return measure_misfit(sim, build_problem(sim, motions, config).shorten(config.reference_longest_s))
-
-
-def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:
-    """Set the sim's misfit, and its correlation, to what it leaves of a problem without any effect."""
-    still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
-    fit = problem.fit((), still)
-    # the second fit knows the correlation: a long error then costs less to leave than to follow
-    correlation = compute_autocorrelation_time(fit.residual, length)
-    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * correlation
-    fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
-    left = (fit.misfit + compute_excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
-    return replace(sim, misfit=left, correlation=compute_autocorrelation_time(fit.residual, length))
 
 
 @dataclass(frozen=True)

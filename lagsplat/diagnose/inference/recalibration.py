@@ -21,17 +21,54 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.identification.novelty import NoveltyDetector, window_features
 from lagsplat.diagnose.identification.structure_search import IdentificationProblem, list_uncertain_directions
+from lagsplat.diagnose.inference.holdout import measure_own_error
 from lagsplat.diagnose.inference.model_selection import SearchBudget, rank_hypotheses
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
+    HypothesisFit,
     build_problem,
+    compute_excess_penalty,
     estimate_natural_periods,
 )
 from lagsplat.diagnose.mechanics import structure
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.simulators.projection import find_rest
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
+
+
+def calibrate_misfit(
+    sim: EstimatedSimulator, motions: Sequence[Trajectory], config: DiagnoseConfig
+) -> EstimatedSimulator:
+    """Measure a given sim's misfit, and its correlation, on recordings of the very mechanism it models.
+
+    An error of a sim lasts for a part of a period, so many samples count as one. Of long recordings windows
+    that last ``config.reference_longest_s`` together are used, evenly spread.
+    """
+    return measure_misfit(sim, build_problem(sim, motions, config).shorten(config.reference_longest_s))
+
+
+def measure_misfit(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:
+    """Set the sim's misfit, and its correlation, to what it leaves of a problem without any effect."""
+    still, length = np.zeros(problem.rollout_model.nuisance.size), problem.windows.length
+    fit = problem.fit((), still)
+    # the second fit knows the correlation: a long error then costs less to leave than to follow
+    correlation = compute_autocorrelation_time(fit.residual, length)
+    noise_inflation = max(fit.misfit / problem.degrees_of_freedom, 1.0) * correlation
+    fit = replace(problem, noise_inflation=noise_inflation).fit((), still)
+    left = (fit.misfit + compute_excess_penalty(fit, noise_inflation)) / problem.degrees_of_freedom
+    return replace(sim, misfit=left, correlation=compute_autocorrelation_time(fit.residual, length))
+
+
+def separate_own_error(sim: EstimatedSimulator, problem: EstimationProblem) -> EstimatedSimulator:
+    """Set the error of the sim's forecasts, coordinate by coordinate, where there is no effect.
+
+    Its misfit then counts that error as noise: a learned law errs far more in one coordinate than in another,
+    which a single factor on the noise of all would hide.
+    """
+    none = HypothesisFit((), problem.fit((), np.zeros(problem.rollout_model.nuisance.size)))
+    own_error = measure_own_error(problem, none)
+    return measure_misfit(replace(sim, own_error=own_error), replace(problem, own_error=own_error))
 
 
 def calibrate_null_evidence(
@@ -59,7 +96,7 @@ def calibrate_null_evidence(
         quiet = drop_overlapping_windows(problem.windows, problem.dataset, sim.outlier_spans)
         problem = replace(problem, windows=quiet)
     else:
-        problem, duration_ratio = match_windows(sim, reference, real, config), 1.0
+        problem, duration_ratio = choose_null_windows(sim, reference, real, config), 1.0
     period_s, _ = estimate_natural_periods(sim.model, [part])
     hints = find_hints(sim.model, [part], period_s=period_s, hold=config.input_hold)
     q_names, u_names = reference.q_names, reference.u_names
@@ -78,15 +115,18 @@ def calibrate_null_evidence(
     return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * duration_ratio
 
 
-def match_windows(
+def choose_null_windows(
     sim: EstimatedSimulator, reference: Trajectory, real: Sequence[Trajectory], config: DiagnoseConfig
 ) -> EstimationProblem:
-    """The estimation problem on windows of the reference, the most similar one for each real window.
+    """The estimation problem on windows of the reference that last as long as ``config.reference_longest_s``.
 
-    The errors of a law depend on the state, so the reference must visit the states of the real trajectories.
+    Where the sim has a novelty detector they are, for each real window, the most similar one: the errors of a
+    law depend on the state, so the reference must visit the states of the real trajectories.
     """
-    assert sim.novelty_detector is not None
-    own, other = (build_problem(sim, motions, config) for motions in ([reference], real))
+    own = build_problem(sim, [reference], config)
+    if sim.novelty_detector is None:
+        return own.shorten(config.reference_longest_s)
+    other = build_problem(sim, real, config)
     own_features, features = (
         window_features(each.windows, each.rollout_model.smooth, each.dataset) for each in (own, other)
     )
