@@ -111,6 +111,7 @@ def run_diagnosis(
             **run.diagnosis.checks,
             "samples_as_one": config.effective_sample_ratio,
             "sim_misfit": inputs.sim.misfit,
+            **({"own_error": np.sqrt(sim.own_error).tolist()} if np.any(sim.own_error) else {}),
             "null_evidence": log_evidence_offset,
             "excitation": [asdict(row) for row in inputs.excitation],
             "findings": [asdict(finding) for finding in inputs.checked.findings],

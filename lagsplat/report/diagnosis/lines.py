@@ -19,6 +19,7 @@ from lagsplat.report.diagnosis.summary import (
     explain_undecided,
     list_indistinguishable,
     name_candidate,
+    name_floor,
     name_joint_cause,
     select_chosen,
     sum_probability,
@@ -75,7 +76,7 @@ def _write_size(diagnosis: Diagnosis) -> str:
     if gap is None:
         return "not measured, no stretch long enough was left to forecast"
     over = f" over {format_number(gap.horizon_s)} s" if math.isfinite(gap.horizon_s) else ""
-    floor = f"; noise alone {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
+    floor = f"; {name_floor(diagnosis)} alone {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
     return f"forecasts{over} miss by {format_percent(gap.before)} of the motion{floor}"
 
 

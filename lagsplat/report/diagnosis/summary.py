@@ -226,12 +226,17 @@ def _describe_size(diagnosis: Diagnosis) -> str:
     if gap is None:
         return ""
     subject = "the simulation's forecasts miss the measurement"
-    text = _compare_miss(diagnosis, subject, "noise alone would leave")
+    text = _compare_miss(diagnosis, subject, f"{name_floor(diagnosis)} alone would leave")
     lost, added = gap.diverged.get("before", 0), gap.diverged.get("after", 0)
     if lost or added:
         with_it = f" and {added} with what is added to it" if added else ""
         text += f" Of {gap.blocks} forecasts {lost} of the simulation{with_it} diverged; all count."
     return text
+
+
+def name_floor(diagnosis: Diagnosis) -> str:
+    """What leaves a miss where nothing is missing: noise and, for a learned law, its own error."""
+    return "noise and the run's own error" if diagnosis.checks.get("own_error") else "noise"
 
 
 def _compare_miss(diagnosis: Diagnosis, subject: str, best: str) -> str:
@@ -323,7 +328,8 @@ def _describe_closure(diagnosis: Diagnosis, remedy: str) -> str:
         return ""
     closure = gap.closure
     if closure.value is None:
-        return "How far it closes the gap is unknown: the gap hardly exceeds what noise leaves."
+        floor = name_floor(diagnosis)
+        return f"How far it closes the gap is unknown: the gap hardly exceeds what {floor} leaves."
     share = f"{format_percent(closure.value)} of what can be removed"
     if closure.value >= 1.0:
         share = "as little as can be asked of forecasts from noisy beginnings"
@@ -339,8 +345,8 @@ def _describe_closure(diagnosis: Diagnosis, remedy: str) -> str:
         text += f"; moving the simulation's own numbers within their uncertainty would remove {refit}"
     text += "."
     if gap.floor > 0.0 and gap.after > UNEXPLAINED_RATIO * gap.floor:
-        times = format_number(gap.after / gap.floor)
-        text += f" What remains is {times} times what noise leaves, so that something else is missing too."
+        times, floor = format_number(gap.after / gap.floor), name_floor(diagnosis)
+        text += f" What remains is {times} times what {floor} leaves, so that something else is missing too."
     return text
 
 

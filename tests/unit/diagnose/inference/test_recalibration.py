@@ -8,8 +8,11 @@ import pytest
 from lagsplat.diagnose.core.config import RECALIBRATION
 from lagsplat.diagnose.diagnosis import diagnose
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.problem import calibrate_misfit
-from lagsplat.diagnose.inference.recalibration import choose_structure, recalibrate_simulator
+from lagsplat.diagnose.inference.recalibration import (
+    calibrate_misfit,
+    choose_structure,
+    recalibrate_simulator,
+)
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from tests.unit.diagnose.toys import HARD, RATE, film, oscillator, own, settings, wave
 
