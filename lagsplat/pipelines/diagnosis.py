@@ -61,18 +61,18 @@ def prepare_search(
 ) -> tuple[EstimatedSimulator, DiagnoseConfig, float]:
     """The sim, the settings and the log evidence that effects gain by the sim's own errors [nat].
 
-    They are adapted to the recordings: the sim's misfit to the windows that move alike. The error of a fitted
-    run on its own recordings counts as noise.
+    They are adapted to the recordings: the sim's misfit to the windows that move alike. A sim's error on its
+    own recordings counts as noise.
     """
-    sim, null_motion, log_evidence_offset = inputs.sim, inputs.null_motion, 0.0
-    if null_motion is not None and inputs.recordings is not None:
+    sim, reference, log_evidence_offset = inputs.sim, inputs.reference, 0.0
+    if reference is not None:
         with contextlib.suppress(ValueError):  # the reference is too short for a window
-            sim = separate_own_error(sim, choose_null_windows(sim, null_motion, inputs.real, config))
+            sim = separate_own_error(sim, choose_null_windows(sim, reference, inputs.real, config))
     config = _adapt_settings(replace(inputs, sim=sim), config)
-    if null_motion is not None:
+    if inputs.null_motion is not None:
         with contextlib.suppress(ValueError):  # likewise
             log_evidence_offset = calibrate_null_evidence(
-                sim, null_motion, inputs.real, config, report_progress=report_progress
+                sim, inputs.null_motion, inputs.real, config, report_progress=report_progress
             )
     return sim, config, log_evidence_offset
 

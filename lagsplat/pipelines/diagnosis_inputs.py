@@ -80,15 +80,26 @@ class DiagnosisInputs:
 
         It is none where the sim was learned, or misses runs of its own file by more than their noise.
         """
-        missed = self.joint is not None and self.sim.misfit >= CALIBRATION_CHECKS.missed_misfit
-        return self.recordings is None and not missed
+        return self.recordings is None and not (self.joint is not None and self._misses_itself)
+
+    @property
+    def _misses_itself(self) -> bool:
+        """Whether the sim misses its own recordings by more than their noise."""
+        return self.sim.misfit >= CALIBRATION_CHECKS.missed_misfit
+
+    @property
+    def reference(self) -> Trajectory | None:
+        """A trajectory without any effect, on which the sim's own error is measured; or None."""
+        if self.joint is not None and self._misses_itself:
+            return max(self.joint.nominal, key=lambda motion: motion.duration_s)
+        return self.null_motion
 
     @property
     def null_motion(self) -> Trajectory | None:
         """A trajectory without any effect that the sim still misses, as every fitted run does; or None."""
         if self.recordings is not None:
             return self.recordings.null_motion
-        if self.checked.sim is None or self.sim.misfit < CALIBRATION_CHECKS.missed_misfit:
+        if self.checked.sim is None or not self._misses_itself:
             return None
         return max(self.checked.sim.motions, key=lambda motion: motion.duration_s)
 

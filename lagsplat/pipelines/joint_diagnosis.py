@@ -10,7 +10,6 @@ import pandas as pd
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
-from lagsplat.diagnose.core.config import JOINTS
 from lagsplat.diagnose.core.result import Candidate, Diagnosis
 from lagsplat.diagnose.diagnosis import DiagnosisRun
 from lagsplat.io.files.atomic import replace_atomically
@@ -44,7 +43,7 @@ def diagnose_joints(
         def report(step: str, name: str = name) -> None:
             report_progress(f"{name}: {step}")
 
-        runs.append(settle_within_misfit(part, run_joint(part, report)))
+        runs.append(run_joint(part, report))
     leader = min(range(len(runs)), key=lambda i: rank_joint(runs[i].diagnosis))
     rows = [summarize_joint(part, run) for part, run in zip(parts, runs, strict=True)]
     lead = runs[leader].diagnosis
@@ -63,20 +62,6 @@ def rank_joint(diagnosis: Diagnosis) -> tuple[int, float]:
     gap = diagnosis.gap
     ratio = gap.before / gap.floor if gap is not None and gap.floor > 0.0 else 0.0
     return ORDER.index(diagnosis.verdict), -ratio if np.isfinite(ratio) else 0.0
-
-
-def settle_within_misfit(part: DiagnosisInputs, run: DiagnosisRun) -> DiagnosisRun:
-    """Turn `unknown` into `none` where the sim misses the recording no more than a run of its own file."""
-    diagnosis = run.diagnosis
-    allowed = JOINTS.max_misfit_ratio * max(part.sim.misfit, 1.0)
-    if diagnosis.verdict != "unknown" or diagnosis.checks["misfit_none"] > allowed:
-        return run
-    chances = {candidate.name: candidate.probability for candidate in diagnosis.candidates}
-    first = diagnosis.candidates[0].name
-    chances["none"], chances[first] = chances[first], chances["none"]
-    swapped = (replace(each, probability=chances[each.name]) for each in diagnosis.candidates)
-    candidates = tuple(sorted(swapped, key=lambda each: -each.probability))
-    return replace(run, diagnosis=replace(diagnosis, verdict="none", candidates=candidates))
 
 
 def summarize_joint(part: DiagnosisInputs, run: DiagnosisRun) -> dict[str, Any]:

@@ -432,8 +432,6 @@ class JOINTS:
 
     gain_poses: int = 50  # poses at which the gain of a motor is measured [count]
     gain_tolerance: float = 1e-6  # change of a gain, or gain on another joint, over the gain [1]: rounding
-    # both misfits are means over about forty independent samples: their ratio is within 1 +- 2 sqrt(4 / 40)
-    max_misfit_ratio: float = 1.5  # misfit over that on a run of the file [1], up to which there is no gap
 
 
 class PROJECTION:
