@@ -321,7 +321,7 @@ def _open_simulator(
     ready = prepare_dataset((*checked.real.motions, *nominal), period_s=period_s)
     region = sample_operating_region(ready.dataset)
     sampled = sample_simulator(models[0].path, region, **config.model_choice)
-    given = EstimatedSimulator.exact(sampled.model, known_region=sampled.known_region)
+    given = replace(EstimatedSimulator.exact(sampled.model), known_region=sampled.known_region)
     if not nominal:
         return given, None
     given = _calibrate(given, null_motion, nominal, config)

@@ -39,12 +39,9 @@ class EstimatedSimulator:
     criterion: InformationCriterion | None = None  # of the model, if it was identified
 
     @classmethod
-    def exact(
-        cls, model: MechanicalModel, *, known_region: KnownRegion | None = None
-    ) -> "EstimatedSimulator":
+    def exact(cls, model: MechanicalModel) -> "EstimatedSimulator":
         """A simulator whose model is given, so that nothing about it is uncertain."""
-        directions = np.zeros((0, flatten_coefficients(model).size))
-        return cls(model, directions, 1.0, known_region=known_region)
+        return cls(model, np.zeros((0, flatten_coefficients(model).size)), 1.0)
 
 
 def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) -> EstimatedSimulator:

@@ -98,13 +98,6 @@ def forecast_blocks(
     return Forecast(flat.y - residual, expected.reshape(n_blocks, length, d))
 
 
-def compute_relative_square_error(
-    error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]
-) -> np.ndarray:
-    """Mean square of each block's error, in fractions of each coordinate's rms, (B,)."""
-    return np.mean((error / rms) ** 2, axis=(1, 2))
-
-
 def count_diverged(error: Float64[np.ndarray, "B L d"], rms: Float64[np.ndarray, " d"]) -> int:
     """Number of forecasts whose error exceeds `HOLDOUT.diverged_error` rms somewhere."""
     return int((~(np.abs(error / rms) <= HOLDOUT.diverged_error)).any(axis=(1, 2)).sum())
@@ -139,18 +132,20 @@ def bootstrap_blocks(measure: Callable[..., np.ndarray], *squares: Float64[np.nd
 
 @dataclass(frozen=True)
 class HeldOutForecast:
-    """Forecasts of one hypothesis, and mean squares of each block [rms of each coordinate, squared]."""
+    """Forecasts of one hypothesis, and mean squares of each block in units of the blocks."""
 
     y: Float64[np.ndarray, "B L d"]
     error: Float64[np.ndarray, "B L d"]
-    squares: Float64[np.ndarray, " B"]  # of the errors, at most `HOLDOUT.most_error` squared
+    squares: Float64[np.ndarray, " B"]  # of the errors, at most those of `HOLDOUT.most_error`
     floor: Float64[
         np.ndarray, " B"
     ]  # expected where nothing is missing: of the noise and the sim's own error
+    relative_error: float  # root mean square of all errors [rms of each coordinate]
+    relative_floor: float  # the same of what is expected where nothing is missing
 
     @property
     def rms_error(self) -> float:
-        """Root mean square of all errors [rms of each coordinate]."""
+        """Root mean square of all errors in units of the blocks."""
         return float(np.sqrt(self.squares.mean()))
 
 
@@ -175,7 +170,10 @@ def keep_plausible(
 
 
 class HeldOutBlocks:
-    """The held-out part of a recording, which one hypothesis after another forecasts."""
+    """The held-out part of a recording, which one hypothesis after another forecasts.
+
+    Errors are in units of each coordinate's rms; of a sim that has an error of its own, in units of that.
+    """
 
     def __init__(self, problem: EstimationProblem, split: tuple[EstimationProblem, WindowSet]) -> None:
         """Cut the windows; ``split`` is what to fit and what to hold out, as `split_windows` returns them.
@@ -187,6 +185,8 @@ class HeldOutBlocks:
         self.half, held_out = split
         self.blocks = cut_blocks(problem, held_out)
         self.rms, self.real = np.std(record.q, axis=0), self.blocks.take(record.q)
+        # an effect in one coordinate must not drown in what a law misses of the others
+        self.unit = problem.deviation if np.any(problem.own_error) else self.rms
 
     def forecast(self, hypothesis: HypothesisFit) -> HeldOutForecast:
         """Fit a hypothesis to the other half and forecast the blocks."""
@@ -204,14 +204,20 @@ class HeldOutBlocks:
 
     def measure(self, forecast: Forecast, hypothesis: HypothesisFit | None) -> HeldOutForecast:
         """Errors of forecasts; where an effect repeats samples, what repeats an earlier one is explained."""
-        error, most = forecast.y - self.real, HOLDOUT.most_error**2
+        error = forecast.y - self.real
         effects = hypothesis.effects if hypothesis else ()
         if any(isinstance(placed.effect, SampleEffect) and placed.effect.repeats for placed in effects):
             error[self.blocks.take(self.problem.repeated_samples)] = 0.0
-        squares = compute_relative_square_error(error, self.rms)
-        floor = np.mean((forecast.expected + self.problem.own_error) / self.rms**2, axis=(1, 2))
-        bounded = (np.minimum(np.nan_to_num(x, nan=most, posinf=most), most) for x in (squares, floor))
-        return HeldOutForecast(forecast.y, error, *bounded)
+        expected = forecast.expected + self.problem.own_error
+
+        def average(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            most = HOLDOUT.most_error**2 * float(np.mean((self.rms / unit) ** 2))
+            squares, floor = (np.mean(x / unit**2, axis=(1, 2)) for x in (error**2, expected))
+            bounded = (np.minimum(np.nan_to_num(x, nan=most, posinf=most), most) for x in (squares, floor))
+            return tuple(bounded)
+
+        relative = (float(np.sqrt(x.mean())) for x in average(self.rms))
+        return HeldOutForecast(forecast.y, error, *average(self.unit), *relative)
 
 
 def measure_own_error(problem: EstimationProblem, none: HypothesisFit) -> Float64[np.ndarray, " d"]:
@@ -277,8 +283,8 @@ def forecast_holdout(
     before, refit, after = (forecast.squares for forecast in forecasts.values())
     floor, rms = forecasts["after"].floor, held_out.rms
     gap = Gap(
-        **{name: float(np.sqrt(np.mean(forecast.squares))) for name, forecast in forecasts.items()},
-        floor=float(np.sqrt(np.mean(floor))),
+        **{name: forecast.relative_error for name, forecast in forecasts.items()},
+        floor=forecasts["after"].relative_floor,
         horizon_s=problem.period_s,
         closure=estimate_closure(before, after, floor),
         blocks=len(held_out.real),

@@ -11,10 +11,11 @@ from lagsplat.diagnose.augmented.model import build_augmented
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
-from lagsplat.diagnose.inference.model_selection import continue_fit, score_test, try_candidate
+from lagsplat.diagnose.inference.model_selection import continue_fit, try_candidate
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import EstimationProblem
 from lagsplat.diagnose.inference.profile_likelihood import estimate_parameters
+from lagsplat.diagnose.inference.score_test import score_test
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, coupled, wave
 

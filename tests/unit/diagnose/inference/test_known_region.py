@@ -14,7 +14,7 @@ DECAYING = film(seconds=30.0, start=(1.0, 0.0))
 
 def bench(radius: float, *, hard: float = 6.0) -> EstimationProblem:
     region = KnownRegion(np.zeros(1), radius, room=0.25)
-    sim = EstimatedSimulator.exact(oscillator(n_u=0, hard=hard), known_region=region)
+    sim = replace(EstimatedSimulator.exact(oscillator(n_u=0, hard=hard)), known_region=region)
     return build_problem(sim, [DECAYING], settings())
 
 

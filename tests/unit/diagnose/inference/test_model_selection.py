@@ -10,12 +10,7 @@ from scipy.stats import multivariate_normal
 from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
-from lagsplat.diagnose.inference.model_selection import (
-    choose_windows,
-    continue_fit,
-    score_test,
-    try_candidate,
-)
+from lagsplat.diagnose.inference.model_selection import continue_fit, try_candidate
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -23,6 +18,7 @@ from lagsplat.diagnose.inference.problem import (
     compute_log_evidence,
     make_joint_prior,
 )
+from lagsplat.diagnose.inference.score_test import choose_windows, score_test
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 TRIED = (
