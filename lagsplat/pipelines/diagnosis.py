@@ -39,7 +39,7 @@ from lagsplat.io.files.atomic import write_text
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.diagnosis_follow_up import look_further
-from lagsplat.pipelines.diagnosis_inputs import LAWLESS, DiagnosisInputs, list_unseen, open_inputs_by_joint
+from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs, list_unseen, open_inputs_by_joint
 from lagsplat.pipelines.diagnosis_progress import ProgressDisplay, count_steps
 from lagsplat.pipelines.joint_diagnosis import (
     JOINT_INPUTS,
@@ -199,8 +199,8 @@ def wrap_time_shifts(diagnosis: Diagnosis, real: Sequence[Trajectory]) -> Diagno
 
 
 def flag_extrapolation(diagnosis: Diagnosis, checked: DataCheck) -> Diagnosis:
-    """Mark a verdict `unknown` as undetermined where the sim is extrapolated or misses its own recordings."""
-    why = [finding.text for finding in checked.findings if finding.check in (MOSTLY_OUTSIDE_CHECK, LAWLESS)]
+    """Mark a verdict `unknown` as undetermined where the sim is extrapolated."""
+    why = [finding.text for finding in checked.findings if finding.check == MOSTLY_OUTSIDE_CHECK]
     if diagnosis.verdict != "unknown" or not why:
         return diagnosis
     return replace(diagnosis, checks={**diagnosis.checks, "undetermined": why})

@@ -45,7 +45,6 @@ TARGET_NAME = (
     r"|{0}[_. ]?(?:target|desired|des|goal|ref|reference|setpoint|cmd|command))"
 )
 """How a log calls the target of a coordinate, as a pattern of the coordinate's own name."""
-LAWLESS = "a law that is true nowhere"  # name of the finding that a run's law misses its own recordings
 
 
 @dataclass(frozen=True)
@@ -374,7 +373,6 @@ def _simulator_findings(
     """Findings on the simulator; ``nominal`` are recordings it was estimated from, empty if given."""
     findings = []
     unrecorded = "something acted there that no column records, as a push by hand"
-    inseparable = "its errors cannot be separated from what the real mechanism adds"
     if held:
         what = (
             "the inputs step, and the sim's recordings fit better, or with a simpler law, if each value is "
@@ -388,7 +386,10 @@ def _simulator_findings(
         if nominal:
             files = ", ".join(motion.source for motion in nominal)
             what = f"the law estimated from {files} misses these recordings themselves by {size}"
-            why = f"{unrecorded}, or the law is not smooth; {inseparable}"
+            why = (
+                f"{unrecorded}, or the law is not smooth; its errors cannot be separated from what the real "
+                "mechanism adds"
+            )
             remedy = "keep parts in which the logged inputs act alone, or give the sim as a program"
             findings.append(Finding("undetermined", "law of the sim", "sim", what, why, remedy))
         else:
@@ -397,7 +398,8 @@ def _simulator_findings(
                 "input map corrected that"
             )
             remedy = "fit the run longer, or look at its rollouts first"
-            findings.append(Finding("warn", LAWLESS, source, what, inseparable, remedy))
+            why = "its errors count as noise, so that only a gap beyond them is found"
+            findings.append(Finding("warn", "law of the run", source, what, why, remedy))
     if sim.original is not None:
         given, left = (np.sqrt(max(each.misfit, 0.0)) for each in (sim.original, sim))
         what = (

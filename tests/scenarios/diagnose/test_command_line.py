@@ -20,7 +20,6 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.diagnosis import discount_image_error, flag_extrapolation, withhold_verdict
-from lagsplat.pipelines.diagnosis_inputs import LAWLESS
 from tests.unit.diagnose.toys import film, oscillator, own, wave
 
 RIVALS = ("coulomb_friction", "quadratic_drag", "cubic_stiffness", "input_lag")
@@ -173,8 +172,6 @@ def test_a_verdict_that_the_data_forbid_keeps_no_name_above_the_rest() -> None:
     ("verdict", "check", "held"),
     [
         ("unknown", MOSTLY_OUTSIDE_CHECK, False),
-        ("unknown", LAWLESS, False),
-        ("effect", LAWLESS, True),
         ("unknown", "outside the sim", True),
         ("effect", MOSTLY_OUTSIDE_CHECK, True),
     ],
