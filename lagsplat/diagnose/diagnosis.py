@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from lagsplat.diagnose.core.config import VERDICT, DiagnoseConfig
+import numpy as np
+
+from lagsplat.diagnose.core.config import PROBLEM, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.registry import catalogue
@@ -20,6 +22,10 @@ from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_mode
 from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+LAWLESS = (
+    "the simulation misses more than half of the motion of its own recordings, so that nothing can be said "
+    "of others: fit it longer, or look at its rollouts first"
+)
 UNEXPLAINED = (
     "the simulation explains less than half of the real motion, whatever is added to it: compare units, "
     "signs, inputs and starts of both"
@@ -142,7 +148,7 @@ def _judge_gap(
     checks = {
         "natural_period_s": problem.period_s,
         "noise": problem.sigma.tolist(),
-        **({} if alternatives.explained else {"undetermined": [UNEXPLAINED]}),
+        **_find_undetermined(problem, alternatives),
         "refit": estimate_refit(problem, ranking.none, ranking.noise_inflation, (q_names, u_names)),
         **_measure_fits(sim, search, judgement),
     }
@@ -168,6 +174,14 @@ def _judge_gap(
         u_names=u_names,
     )
     return DiagnosisRun(diagnosis, search, alternatives, chosen, holdout)
+
+
+def _find_undetermined(problem: EstimationProblem, alternatives: Alternatives) -> dict[str, list[str]]:
+    """Why nothing can be said, as `Diagnosis.checks` lists it; empty if something can."""
+    own = float(np.mean(problem.own_error / np.var(problem.dataset.q, axis=0)))
+    reasons = [UNEXPLAINED] * (not alternatives.explained)
+    reasons += [LAWLESS] * (own > 1.0 - PROBLEM.min_explained_share)
+    return {"undetermined": reasons} if reasons else {}
 
 
 def is_material(chosen: HypothesisFit, holdout: HoldoutForecasts, least: float) -> bool:

@@ -223,15 +223,16 @@ class HeldOutBlocks:
 def measure_own_error(problem: EstimationProblem, none: HypothesisFit) -> Float64[np.ndarray, " d"]:
     """Mean square error of the sim's forecasts of its own recordings, beyond the noise [coordinate^2].
 
-    A learned law misses what it was learned from; no effect can take its error below that. Zero where the
-    recordings are too short to hold anything out.
+    A learned law misses what it was learned from; no effect can take its error below that. A forecast that
+    misses by more than the rms of the motion, as one that diverges, counts as one by a sim at rest. Zero
+    where the recordings are too short to hold anything out.
     """
     try:
         held_out = HeldOutBlocks(problem, split_windows(problem, none))
     except ValueError:
         return np.zeros(problem.dataset.d)
     x = fit_half(held_out.half, none)
-    forecast, most = forecast_blocks(problem, held_out.blocks, (), x), HOLDOUT.most_error * held_out.rms
+    forecast, most = forecast_blocks(problem, held_out.blocks, (), x), held_out.rms
     errors = (np.nan_to_num(np.abs(forecast.y - held_out.real), nan=np.inf), np.sqrt(forecast.expected))
     square, expected = (np.mean(np.minimum(error, most) ** 2, axis=(0, 1)) for error in errors)
     return np.maximum(square - expected, 0.0)

@@ -1,7 +1,10 @@
 """What a learned law misses of its own recordings is no gap."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from lagsplat.diagnose.diagnosis import LAWLESS, diagnose
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.holdout import forecast_holdout
 from lagsplat.diagnose.inference.problem import HypothesisFit, build_problem
@@ -50,3 +53,10 @@ def test_another_recording_without_an_effect_has_no_gap():
 def test_a_sim_that_lacks_nothing_is_judged_by_noise_alone():
     problem = build_problem(EstimatedSimulator.exact(oscillator()), [record(2)], settings())
     np.testing.assert_array_equal(problem.deviation, problem.sigma)
+
+
+def test_a_law_that_misses_most_of_its_own_motion_says_nothing():
+    real = film(noise=0.01, u=wave(2))
+    sim = replace(EstimatedSimulator.exact(oscillator()), own_error=0.6 * np.var(real.q, axis=0))
+    config = replace(settings(), families=1, always_fitted=[])
+    assert LAWLESS in diagnose(sim, [real], config).diagnosis.checks["undetermined"]
