@@ -37,7 +37,7 @@ class Measures:
     gain_z: float  # drop of the log square error of held-out blocks, refit to this, in standard errors [1]
     parameters: int  # fitted parameters of the effects
     surprise: float  # squared distance of these from their prior means [prior variances]
-    memory: float  # samples of the residual that count as one independent sample
+    memory: float  # samples of the residual that count as one independent sample, over those of a true law's
     refit_penalty: float  # penalty of the sim's own parameters beyond their prior [noise variances]
     single_samples: bool  # whether it moves single samples, which no forecast shows
     flexible: int  # effects that imitate many others
@@ -90,6 +90,7 @@ def measure_alternatives(search: EffectSearch) -> Alternatives:
         best.setdefault(fit.name, fit)
     sets = (fit for fit in (*search.sets, *search.rivals) if len(fit.effects) > 1)
     fits = (ranking.none, *best.values(), *sets)
+    length = problem.windows.length
     freedom, ratio = max(problem.degrees_of_freedom, FEWEST_FREE), budget.effective_sample_ratio
     chance = float(np.sqrt(2.0 * ratio / freedom))
     least = min(fit.fit.misfit for fit in fits) / freedom
@@ -104,6 +105,8 @@ def measure_alternatives(search: EffectSearch) -> Alternatives:
         ahead = compute_log_evidence(fit, problem.rollout_model, inflation)
         return ahead - base - budget.log_evidence_offset
 
+    # errors of a learned law are correlated where nothing is missing as well
+    usual_memory = ratio if np.any(problem.own_error) else 1.0
     measures = []
     for fit, (squares, floor) in zip(fits, forecasts, strict=True):
         priors = [p.prior for placed in fit.fitted for p in placed.effect.parameters]
@@ -118,7 +121,7 @@ def measure_alternatives(search: EffectSearch) -> Alternatives:
                 gain_z=_compute_gain_z(forecasts[0][0], squares),
                 parameters=fit.n_effect_parameters,
                 surprise=float(np.square(distance).sum()),
-                memory=compute_autocorrelation_time(fit.fit.residual, problem.windows.length),
+                memory=max(compute_autocorrelation_time(fit.fit.residual, length) / usual_memory, 1.0),
                 refit_penalty=compute_excess_penalty(fit.fit, budget.nominal * ratio),
                 single_samples=fit.moves_samples,
                 flexible=sum(placed.effect.flexible for placed in fit.effects),
