@@ -27,8 +27,7 @@ class LabelledChoice:
 
     ``names`` are the alternatives and ``mains`` the causes that they stand for; ``kind`` is "none", "single",
     "pair", "outside" (of the catalogue), "left_out" (the true effect is not in the catalogue) or "exact" (the
-    tolerances of the sim close the gap, and are left out); ``truth`` are the true effects, ``learned`` is set
-    beside a law that was learned badly.
+    tolerances of the sim close the gap, and are left out); ``truth`` are the true effects.
     """
 
     choice: Choice
@@ -38,7 +37,6 @@ class LabelledChoice:
     truth: Sequence[Mapping[str, Any]]
     source: str
     recording: str
-    learned: bool = False
 
     @property
     def families(self) -> frozenset[str]:
@@ -100,16 +98,16 @@ def unpack_alternatives(packed: Mapping[str, Any]) -> Alternatives:
 def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
     """Choices of all rows.
 
-    Recordings are left out of which the data allow no verdict, and those in which physics, noise or the error
-    of a badly learned law hides the effect, as a generator does not always reach the gap that it aims at.
-    Where the sim's own tolerances close the gap, `none` is right as well, and an exact sim shows the cause. A
-    recording without its true effect counts if no other effect imitates it.
+    Recordings are left out in which physics or noise hides the effect, as a generator does not always reach
+    the gap that it aims at, or of which the data allow no verdict. Where the sim's own tolerances close the
+    gap, `none` is right as well, and an exact sim shows the cause. A recording without its true effect counts
+    if no other effect imitates it.
     """
     labelled = []
     for row in rows:
         answer = row["answer"]
         truth = answer["truth"]
-        hidden = bool(truth) and not _measure_gap_ratio(row) >= SMALLEST_GAP
+        hidden = bool(truth) and not (answer["gap_ratio"] or 0.0) >= SMALLEST_GAP
         if hidden or not answer["identifiable"] or row["undetermined"]:
             continue
         outside = bool(truth) and all(effect["name"] == "unknown" for effect in truth)
@@ -119,14 +117,6 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
         if "left_out" in row and not _is_imitated(row):
             labelled.append(_label(row, "left_out", "left_out"))
     return labelled
-
-
-def _measure_gap_ratio(row: Mapping[str, Any]) -> float:
-    """The true gap over its floor: noise and, beside a learned law, that law's own error."""
-    if "own_error" not in row:
-        return float(row["answer"]["gap_ratio"] or 0.0)
-    gap = row["answer"]["gap"]
-    return float(gap["before"] / np.hypot(gap["floor"], row["own_error"])) if gap else 0.0
 
 
 def _is_imitated(row: Mapping[str, Any]) -> bool:
@@ -153,7 +143,6 @@ def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
         answer["truth"],
         answer["source"] or "own",
         row["id"],
-        "own_error" in row,
     )
 
 

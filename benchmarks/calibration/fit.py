@@ -75,24 +75,23 @@ def summarize(
     for (each, cause), p in zip(pairs, chances, strict=True):
         if each.kind == "exact":
             continue
-        again = exact.get(each.recording) if each.kind != "left_out" and not each.learned else None
+        again = exact.get(each.recording) if each.kind != "left_out" else None
         if again and next(iter(cause)) == "none" and next(iter(again)) not in ("none", "unknown"):
             cause = again
         names = list(cause)
         true = each.true_names
-        kind = f"learned, {each.kind}" if each.learned else each.kind
         if each.kind in ("none", "outside", "left_out"):
             hit = names[0] == "none" if each.kind == "none" else names[0] in ("none", "unknown")
-            shares.setdefault(f"{kind}: not named", []).append(names[0] in ("none", "unknown"))
+            shares.setdefault(f"{each.kind}: not named", []).append(names[0] in ("none", "unknown"))
         else:
             hit = names[0] in true
-            shares.setdefault(f"{kind}: right first", []).append(hit)
-            shares.setdefault(f"{kind}: right in the first two", []).append(bool(true & set(names[:2])))
-            shares.setdefault(f"{kind}: left unnamed", []).append(names[0] in ("none", "unknown"))
+            shares.setdefault(f"{each.kind}: right first", []).append(hit)
+            shares.setdefault(f"{each.kind}: right in the first two", []).append(bool(true & set(names[:2])))
+            shares.setdefault(f"{each.kind}: left unnamed", []).append(names[0] in ("none", "unknown"))
         if each.kind == "pair":
             best = max((i for i, main in enumerate(each.mains) if main == names[0]), key=lambda i: p[i])
             f1 = 0.0 if names[0] in ("none", "unknown") else score_names(each.names[best], each.truth)
-            shares.setdefault(f"{kind}: F1", []).append(f1)
+            shares.setdefault("pair: F1", []).append(f1)
         if each.kind != "left_out":
             sure.append(cause[names[0]])
             right.append(hit)

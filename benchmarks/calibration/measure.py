@@ -5,10 +5,6 @@ Run as ``python -m benchmarks.calibration.measure --split DIR --out FILE``, wher
 that it can pass for, left out of the catalogue: there the right answer is `unknown`. Where the tolerances of
 the sim's own parameters close the gap, the alternatives are also measured without tolerances. A file that is
 there is continued.
-
-With ``--learned`` the sim is one that was learned badly: every coefficient of its law is off by a random
-share, so that its forecasts of its own recordings miss by 1 to 12 % of the motion. Its own recordings show
-that, as those of a fitted run do.
 """
 
 import argparse
@@ -30,76 +26,38 @@ from lagsplat.diagnose.diagnosis import is_within_tolerance, search_gap
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.effect_search import EffectSearch
 from lagsplat.diagnose.inference.holdout import forecast_holdout
-from lagsplat.diagnose.inference.problem import build_problem
-from lagsplat.diagnose.inference.recalibration import calibrate_misfit, separate_own_error
-from lagsplat.diagnose.mechanics.structure import flatten_coefficients, shift_coefficients
 from lagsplat.diagnose.verdict.alternatives import measure_alternatives
 from lagsplat.pipelines.diagnosis import prepare_search
-from lagsplat.pipelines.diagnosis_inputs import DiagnosisInputs, open_diagnosis_inputs
+from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 
 KEPT = (
     "effects", "truth", "source", "system", "conditions", "d", "forced", "noise", "duration_s", "rate_hz",
     "gap", "gap_ratio", "identifiable",
 )  # fmt: skip
 """What a line keeps of the answer."""
-OWN_ERROR = 0.01, 0.12  # error of a spoiled law on its own recordings [share of the motion]
-ATTEMPTS = 6  # to find how far coefficients are off [count]
 
 
-def measure_recording(
-    place: Path, truth: Mapping[str, Any], config: DiagnoseConfig, *, learned: bool = False
-) -> dict[str, Any]:
+def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseConfig) -> dict[str, Any]:
     """Measure the alternatives of one recording with the whole catalogue, and without its true effects."""
     began = time.process_time()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         config = replace(config, targets=truth.get("position_targets", {}))
         inputs = open_diagnosis_inputs(str(place / "sim_*.csv"), str(place / "real_*.csv"), config)
-        if learned:
-            rng = np.random.default_rng(int(place.name[:8], 16))
-            inputs = replace(inputs, sim=spoil_law(inputs, config, rng))
-            config = config.scale_tolerances(config.learned_factor)
         sim, config, offset = prepare_search(inputs, config, report_progress=lambda name: None)
         search = search_gap(sim, inputs.real, config, offset)
         alternatives = measure_alternatives(search)
         row: dict[str, Any] = {"full": pack_alternatives(alternatives)}
         row["undetermined"] = bool(inputs.checked.undetermined) or not alternatives.explained
         names = list_true_names(truth["truth"])
-        if not learned and not row["undetermined"] and hides_in_tolerances(search, sim):
+        if not row["undetermined"] and hides_in_tolerances(search, sim):
             exact = search_gap(sim, inputs.real, config.without_tolerances(), offset)
             row["exact"] = pack_alternatives(measure_alternatives(exact))
         if names - {"unknown"} and not row["undetermined"]:
             without = search.leave_out(left_out(sorted(names)))
             row["left_out"] = pack_alternatives(measure_alternatives(without))
-        if learned:
-            size = np.var(search.problem.dataset.q, axis=0)
-            row["own_error"] = float(np.sqrt(np.mean(sim.own_error / size)))
         row["seconds"] = time.process_time() - began
     return row
-
-
-def spoil_law(
-    inputs: DiagnosisInputs, config: DiagnoseConfig, rng: np.random.Generator
-) -> EstimatedSimulator:
-    """The sim with every coefficient off by a random share, so that it misses its own recordings.
-
-    Raises:
-        ValueError: no share makes it miss by `OWN_ERROR` of the motion.
-    """
-    assert inputs.checked.sim is not None
-    nominal, model = inputs.checked.sim.motions, inputs.sim.model
-    coefficients = flatten_coefficients(model)
-    direction = coefficients * rng.standard_normal(coefficients.size)
-    wanted = float(np.exp(rng.uniform(*np.log(OWN_ERROR))))
-    size, share = np.concatenate([motion.q for motion in nominal]).var(axis=0), wanted
-    for _ in range(ATTEMPTS):
-        moved = EstimatedSimulator.exact(shift_coefficients(model, share * direction))
-        problem = build_problem(moved, nominal, config).shorten(config.reference_longest_s)
-        found = float(np.sqrt(np.mean(separate_own_error(moved, problem).own_error / size)))
-        if wanted / 1.5 < found < 1.5 * wanted:
-            return calibrate_misfit(moved, nominal, config)
-        share *= min(max(wanted / max(found, 1e-6), 0.25), 4.0)
-    raise ValueError(f"no spoiled law misses its own recordings by {wanted:.2g} of the motion")
 
 
 def hides_in_tolerances(search: EffectSearch, sim: EstimatedSimulator) -> bool:
@@ -111,7 +69,7 @@ def hides_in_tolerances(search: EffectSearch, sim: EstimatedSimulator) -> bool:
         return False
 
 
-def measure_split(folder: Path, out: Path, config: DiagnoseConfig, *, learned: bool = False) -> None:
+def measure_split(folder: Path, out: Path, config: DiagnoseConfig) -> None:
     """Measure every recording of a split that ``out`` does not hold yet.
 
     A recording that cannot be diagnosed gets a line with its ``error``.
@@ -126,7 +84,7 @@ def measure_split(folder: Path, out: Path, config: DiagnoseConfig, *, learned: b
             continue
         row: dict[str, Any] = {"id": truth["id"], "answer": {name: truth.get(name) for name in KEPT}}
         try:
-            row |= measure_recording(folder / "data" / truth["id"], truth, config, learned=learned)
+            row |= measure_recording(folder / "data" / truth["id"], truth, config)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             row["error"] = str(error)
         with out.open("a", encoding="utf-8") as stream:
@@ -140,10 +98,9 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--split", type=Path, required=True, help="folder of a public split")
     parser.add_argument("--out", type=Path, required=True, help="file of measures, continued if it is there")
     parser.add_argument("--settings", help="settings of the diagnosis as JSON, by default conf/diagnose")
-    parser.add_argument("--learned", action="store_true", help="with a law that was learned badly as the sim")
     args = parser.parse_args(argv)
     config = rebuild(DiagnoseConfig, json.loads(args.settings)) if args.settings else compose().diagnose
-    measure_split(args.split, args.out, config, learned=args.learned)
+    measure_split(args.split, args.out, config)
 
 
 if __name__ == "__main__":

@@ -76,14 +76,6 @@ def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
     assert label_rows([row(MADE, truth("creep"), gap_ratio=1.1)]) == []
 
 
-def test_the_error_of_a_badly_learned_law_hides_small_effects() -> None:
-    gap = {"before": 0.06, "floor": 0.01}
-    seen = row(MADE, truth("creep"), gap=gap) | {"own_error": 0.02}
-    (labelled,) = label_rows([seen])
-    assert labelled.learned
-    assert label_rows([seen | {"own_error": 0.05}]) == []
-
-
 def test_stored_rows_are_those_measured_and_always_the_same_bytes(tmp_path: Path) -> None:
     rows, files = [row(MADE, truth("creep"), noise=1.23456789e-3)], [tmp_path / f"{i}.gz" for i in range(2)]
     for file in files:
