@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import RECALIBRATION, DiagnoseConfig
+from lagsplat.diagnose.core.config import RECALIBRATION, SELECTION, DiagnoseConfig
 from lagsplat.diagnose.estimation.dataset import drop_overlapping_windows
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
@@ -109,7 +109,8 @@ def calibrate_null_evidence(
         targets=config.targets,
         computed=reference.computed,
     )
-    budget = SearchBudget(config, max(1.0, sim.misfit))
+    # only the best counts: the others are not fitted to their end
+    budget = SearchBudget(config, max(1.0, sim.misfit), continued=SELECTION.refined_fits)
     found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found
     gained = max((fit.log_evidence for fit in found), default=0.0)
     return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * duration_ratio
