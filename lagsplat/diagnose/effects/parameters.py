@@ -50,7 +50,8 @@ class Scales:
 
 
 PARAMETER_KINDS: Mapping[ParameterKind, tuple[str, Callable[[Scales], float]]] = {
-    "acceleration": ("{q}/s^2", lambda s: s.velocity * s.velocity / s.coordinate),
+    # what moves slowly against a spring is held by far larger forces than its own inertia tells
+    "acceleration": ("{q}/s^2", lambda s: max(s.velocity**2 / s.coordinate, s.stiffness * s.coordinate)),
     "drive": ("{q}/s^2", lambda s: s.drive),
     "coordinate": ("{q}", lambda s: s.coordinate),
     "velocity": ("{q}/s", lambda s: s.velocity),
