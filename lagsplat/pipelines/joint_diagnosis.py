@@ -76,7 +76,7 @@ def summarize_joint(part: DiagnosisInputs, run: DiagnosisRun) -> dict[str, Any]:
         "probability": diagnosis.candidates[0].probability,
         "effects": [_describe_candidate(known[name]) for name in diagnosis.combination],
         **sizes,
-        "sim_misfit": part.sim.misfit,
+        "sim_misfit": diagnosis.checks["sim_misfit"],
         "misfit_none": diagnosis.checks["misfit_none"],
     }
 

@@ -137,9 +137,7 @@ class HeldOutForecast:
     y: Float64[np.ndarray, "B L d"]
     error: Float64[np.ndarray, "B L d"]
     squares: Float64[np.ndarray, " B"]  # of the errors, at most those of `HOLDOUT.most_error`
-    floor: Float64[
-        np.ndarray, " B"
-    ]  # expected where nothing is missing: of the noise and the sim's own error
+    floor: Float64[np.ndarray, " B"]  # expected where nothing is missing: of noise and the sim's own error
     relative_error: float  # root mean square of all errors [rms of each coordinate]
     relative_floor: float  # the same of what is expected where nothing is missing
 

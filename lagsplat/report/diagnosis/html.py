@@ -46,7 +46,7 @@ MEASURE_LABELS = {
     "periods": "natural periods recorded",
     "blocks": "blocks to divide into fit and test",
     "noise": "noise of each coordinate (rms)",
-    "own_error": "error of the run's forecasts of its own recording, of each coordinate (rms)",
+    "own_error": "error of the sim's forecasts of its own recordings, of each coordinate (rms)",
     "duration_s": "seconds recorded",
     "windows": "stretches fitted",
     "sim_misfit": "mean square by which the sim misses its own recordings (noise is 1)",

@@ -236,7 +236,7 @@ def _describe_size(diagnosis: Diagnosis) -> str:
 
 def name_floor(diagnosis: Diagnosis) -> str:
     """What leaves a miss where nothing is missing: noise and, for a learned law, its own error."""
-    return "noise and the run's own error" if diagnosis.checks.get("own_error") else "noise"
+    return "noise and the sim's own error" if diagnosis.checks.get("own_error") else "noise"
 
 
 def _compare_miss(diagnosis: Diagnosis, subject: str, best: str) -> str:
