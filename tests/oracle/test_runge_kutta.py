@@ -20,7 +20,7 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES
 
 UNIT = Scales(coordinate=1.0, velocity=1.0, reach=1.0, frame_s=0.02, duration_s=1.0, stiffness=30.0)
-"""With these a parameter is its own unknown, or the exponential of it."""
+"""With these a parameter is its own unknown, or the exponential of it, unless it is an acceleration."""
 
 
 def wild(d: int, n_u: int, seed: int = 0) -> MechanicalModel:
@@ -207,7 +207,8 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
         PlacedEffect(known[name], UNIT, direction=place) for name, place in zip(names, places, strict=True)
     ]
     factor, level, ratio, constant, mass, omega, zeta = 0.2, 0.4, 0.3, 0.25, 0.2, 9.0, 0.05
-    x = [factor, level, ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
+    unknown_level = level / UNIT.of("acceleration")
+    x = [factor, unknown_level, ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
 
     def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
         q, v, (late, s2, v2) = state[:d], state[d : 2 * d], state[2 * d :]
