@@ -263,7 +263,7 @@ def work(effect: ForceEffect, theta: np.ndarray, size: np.ndarray, drive: float)
         s = float(size @ (np.cos(turns * t) - 1.0))
         v = float(-(size * turns) @ np.sin(turns * t))
         store = np.zeros(effect.n_memory)
-        a = effect.law(t, s, v, -36.0 * s, 5.0 * math.sin(drive * t), x[:-1].copy(), theta, store)
+        a = effect.law.__wrapped__(t, s, v, -36.0 * s, 5.0 * math.sin(drive * t), x[:-1].copy(), theta, store)
         return [*store, a * v]
 
     blank = np.zeros(effect.n_memory + 1)

@@ -21,10 +21,9 @@ from lagsplat.diagnose.estimation.multiple_shooting import Linearization, Shooti
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
-from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch, zero_force
+from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
-FORCE_SLOTS = 3  # forces that act at once; the kernel is compiled for so many, or so many for each coordinate
 Placed = Sequence[tuple[PlacedEffect, np.ndarray]]
 """Effects, each with its parameters (P, k) in the units of the recording."""
 
@@ -151,7 +150,7 @@ class RolloutModel:
 
     def _laws(
         self, placed: Placed, n_sets: int, windows: WindowSet
-    ) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Laws, directions, inertias, parameters and memories of all slots, as the kernel takes them."""
         forces = [
             (effect, acts, sees, place, theta)
@@ -159,15 +158,14 @@ class RolloutModel:
             if isinstance(effect := place.effect, ForceEffect) and place.direction is not None
             for acts, sees in place.list_slots(self.model)
         ]
-        d = self.model.d
-        # few sizes, because a kernel is compiled for each
-        n = FORCE_SLOTS if len(forces) <= FORCE_SLOTS else FORCE_SLOTS * d
-        laws, along, seen, inertia = [zero_force] * n, np.zeros((n, d)), np.zeros((n, d)), np.zeros(n)
+        n, d = len(forces), self.model.d
+        laws, along, seen, inertia = np.zeros(n, np.int64), np.zeros((n, d)), np.zeros((n, d)), np.zeros(n)
         tables = []
         n_memory = max([effect.n_memory for effect, *_ in forces], default=0)
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
         for slot, (effect, acts, sees, place, theta) in enumerate(forces):
-            laws[slot], along[slot], seen[slot], inertia[slot] = effect.law, acts.covector, sees, acts.inertia
+            laws[slot], inertia[slot] = effect.law.address, acts.inertia
+            along[slot], seen[slot] = acts.covector, sees
             fixed = np.array((*effect.constants(place.scales, place.variant), *place.constants))
             law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
             tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
@@ -177,7 +175,7 @@ class RolloutModel:
         table = np.zeros((n_sets, n, max([1, *(values.shape[1] for values in tables)])))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
-        return tuple(laws), along, seen, inertia, table, memory
+        return laws, along, seen, inertia, table, memory
 
     def _memory(
         self, effect: ForceEffect, direction: Direction, theta: np.ndarray, initial: np.ndarray
@@ -199,7 +197,7 @@ class RolloutModel:
         begin[:, list(effect.free_clips)] += free.reshape(len(free), -1, effect.n_memory)
         motion = np.stack([s, v, spring @ p / direction.inertia, drive @ p / direction.inertia], axis=1)
         law_theta = np.ascontiguousarray(law_theta)
-        integrate_memory(effect.law, law_theta, dataset.time, motion, dataset.clips, begin, out)
+        integrate_memory(effect.law.address, law_theta, dataset.time, motion, dataset.clips, begin, out)
         return out[which.reshape(-1)]
 
 

@@ -3,8 +3,8 @@
 A batch is ``P`` sets of parameters times ``W`` windows of a recording. An added force acts along a direction
 ``p`` and sees a direction ``w``, which is ``p`` unless it couples coordinates: with ``s = w.(q - rest)`` its
 law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to the generalised forces, ``m``
-being the reference inertia along ``p``. Force laws are compiled one by one and passed as functions, so that a
-new effect compiles alone.
+being the reference inertia along ``p``. Force laws are compiled one by one and passed by their addresses, so
+that a new effect compiles alone and one rollout serves all of them.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
 """
@@ -13,17 +13,15 @@ import math
 from typing import Any, no_type_check
 
 import numpy as np
-from numba import float64, njit, prange, types
+from llvmlite import ir
+from numba import cfunc, float64, njit, prange, types
+from numba.extending import intrinsic
 
 from lagsplat.diagnose.mechanics.basis import evaluate_basis
 
-VECTOR, MATRIX, CUBE = float64[::1], float64[:, ::1], float64[:, :, ::1]
+VECTOR = float64[::1]
 FORCE_LAW_SIGNATURE = float64(float64, float64, float64, float64, float64, VECTOR, VECTOR, VECTOR)
 """``law(t, s, v, spring, drive, memory, theta, d_memory) -> acceleration``; writes the rate of its memory."""
-MEMORY_SIGNATURE = types.void(
-    types.FunctionType(FORCE_LAW_SIGNATURE), MATRIX, VECTOR, MATRIX, types.int64[:, ::1], CUBE, CUBE
-)
-"""Signature of `integrate_memory`, which takes any law and is so compiled once."""
 DIVERGED_SCALES = 1e6  # distance from rest beyond which a rollout has diverged [scale of the coordinate]
 MEMORY_STEPS = 8  # midpoint steps of a force law's memory between two frames
 SIDE_BY_SIDE = 64  # rollouts that one thread steps side by side [count]: their scratch fits the inner caches
@@ -31,15 +29,26 @@ MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not
 
 
 def compile_force_law(function: Any) -> Any:
-    """Compile a force law under the signature that all of them share; a decorator."""
-    return njit(FORCE_LAW_SIGNATURE, cache=True)(function)
+    """Compile a force law under the signature that all of them share; a decorator.
+
+    The compiled law has an ``address``, by which the functions of this module call it.
+    """
+    return cfunc(FORCE_LAW_SIGNATURE, cache=True, error_model="numpy")(function)
 
 
-@compile_force_law
+@intrinsic
 @no_type_check
-def zero_force(t, s, v, spring, drive, memory, theta, d_memory):
-    """A force law that is zero, for the slots that no effect uses."""
-    return 0.0
+def _call_law(typing_context, address, t, s, v, spring, drive, memory, theta, d_memory):
+    """Call the force law that is compiled at an address."""
+
+    def generate(context, builder, signature, values):
+        result, *arguments = (
+            context.get_value_type(each) for each in (signature.return_type, *signature.args[1:])
+        )
+        pointer = ir.FunctionType(result, arguments).as_pointer()
+        return builder.call(builder.inttoptr(values[0], pointer), values[1:])
+
+    return FORCE_LAW_SIGNATURE.return_type(types.int64, *FORCE_LAW_SIGNATURE.args), generate
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"}, inline="always")
@@ -102,7 +111,7 @@ def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, m
     d = rest.shape[0]
     for slot in range(inertia.shape[0]):
         reference = inertia[slot]
-        for r in range(len(t) if reference != 0.0 else 0):
+        for r in range(len(t)):
             s, v, spring, drive = 0.0, 0.0, 0.0, 0.0
             for i in range(d):
                 s += seen[slot, i] * (state[i, r] - rest[i])
@@ -110,7 +119,7 @@ def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, m
                 spring += along[slot, i] * work[i, r]
                 drive += along[slot, i] * work[d + i, r]
             values, z, z_rate = theta[sets[r], slot], memory[r, slot], memory_rate[r, slot]
-            f = laws[slot](t[r], s, v, spring / reference, drive / reference, z, values, z_rate)
+            f = _call_law(laws[slot], t[r], s, v, spring / reference, drive / reference, z, values, z_rate)
             for i in range(d):
                 rate[d + i, r] += along[slot, i] * reference * f
 
@@ -242,8 +251,8 @@ def roll_out_batch(
         basis: kind, order, centre and scale of the basis, and both arrays of `Basis.derivatives`.
         fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
             drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
-        laws, along, seen, inertia: compiled force laws, one a slot, the directions (slots, d) in which they
-            act and that they see, and the reference inertia, zero for a slot that is not used.
+        laws, along, seen, inertia: addresses of compiled force laws (slots,), the directions (slots, d) in
+            which they act and that they see, and the reference inertia along the first (slots,).
         theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
             (P, W, slots, Z).
         starts: initial states (P, W, 2 d).
@@ -291,13 +300,13 @@ def roll_out_batch(
                 _hold_diverged(state, memories, rest, reach, lost)
 
 
-@njit(MEMORY_SIGNATURE, cache=True)
+@njit(cache=True)
 @no_type_check
-def integrate_memory(force, theta, time, motion, clips, begin, out):
+def integrate_memory(law, theta, time, motion, clips, begin, out):
     """Write a force law's memory along a recorded motion by the explicit midpoint rule, compiled.
 
     Args:
-        force, theta: the law, and its parameters (P, n).
+        law, theta: address of the compiled law, and its parameters (P, n).
         time: times of the frames (N,) [s].
         motion: along the law's direction, the coordinate, its rate, and the simulator's conservative and
             actuated acceleration (N, 4); linear between frames.
@@ -324,5 +333,5 @@ def integrate_memory(force, theta, time, motion, clips, begin, out):
                         t = time[n] + share * MEMORY_STEPS * h
                         for i in range(4):
                             x[i] = motion[n, i] + share * (motion[n + 1, i] - motion[n, i])
-                        force(t, x[0], x[1], x[2], x[3], y, theta[p], rate)
+                        _call_law(law, t, x[0], x[1], x[2], x[3], y, theta[p], rate)
                     z = z + h * rate

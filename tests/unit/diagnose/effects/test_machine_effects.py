@@ -124,7 +124,7 @@ def test_a_force_across_two_coordinates_is_skew(variant: str) -> None:
 
 
 def test_torque_falls_with_speed_in_the_way_of_the_drive_alone() -> None:
-    law, memory = catalogue()["torque_speed_limit"].law, np.zeros(0)  # type: ignore[attr-defined]
+    law, memory = catalogue()["torque_speed_limit"].law.__wrapped__, np.zeros(0)  # type: ignore[attr-defined]
     theta = np.array([6.0, 2.0])
 
     def torque(drive: float, v: float) -> float:
@@ -203,5 +203,5 @@ def test_the_natural_rate_is_the_unit_of_a_stiffness_wave() -> None:
     effect = catalogue()["parametric_stiffness"]
     theta = np.array([0.3, 0.0, 5.0, *effect.constants(SCALES, "")])  # type: ignore[attr-defined]
     none = np.zeros(0)
-    force = effect.law(0.0, 0.2, 0.0, 0.0, 0.0, none, theta, none)  # type: ignore[attr-defined]
+    force = effect.law.__wrapped__(0.0, 0.2, 0.0, 0.0, 0.0, none, theta, none)  # type: ignore[attr-defined]
     assert force == pytest.approx(-0.3 * SCALES.of("rate") ** 2 * 0.2)
