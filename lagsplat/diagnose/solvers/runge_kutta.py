@@ -70,7 +70,7 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
     ``work`` (2 d, R) gets the conservative and the actuated forces; ``a`` (R,) is scratch.
     """
     mass, mass_slope, damping, slope, input_map, dry, drag, width = fields
-    d, n, dry_anywhere = m.shape[0], len(a), dry.any()
+    d, n, dry_anywhere, varies = m.shape[0], len(a), dry.any(), mass.shape[2] > 1
     for i in range(d):
         _sum_products(slope[i], phi, a)
         for r in range(n):
@@ -93,7 +93,7 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
         for j in range(i + 1):
             _sum_products(mass[i, j], phi, m[i, j])
             share, other = (0.5, 0.0) if i == j else (1.0, 1.0)
-            for k in range(d):
+            for k in range(d if varies else 0):
                 _sum_products(mass_slope[k, i, j], phi, a)
                 for r in range(n):
                     rate[d + i, r] -= state[d + k, r] * a[r] * state[d + j, r]
