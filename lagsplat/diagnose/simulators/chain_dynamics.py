@@ -1,6 +1,6 @@
 """Inverse dynamics of a MuJoCo chain along a measured motion, and a run of the file that moves alike.
 
-Contacts, limits and equalities are left out of both, as of `lagsplat.diagnose.simulators.mujoco_model`.
+Contacts, limits and equalities are left out of both, as in `mujoco_model`.
 
 Source: the recursive Newton-Euler algorithm, Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 5, as
 MuJoCo computes it; the run follows its motion by computed torque, Craig, "Introduction to Robotics", ch. 10.
@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion
-from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, require_mujoco
+from lagsplat.io.mujoco.model import MujocoSelection
+from lagsplat.io.mujoco.package import require_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 HELD_INERTIA = 1e6  # inertia of joints that are no coordinates, over the largest of those that are

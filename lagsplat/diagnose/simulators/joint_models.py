@@ -33,13 +33,10 @@ from lagsplat.diagnose.simulators.chain_dynamics import (
     compute_own_force,
     simulate_alike,
 )
-from lagsplat.diagnose.simulators.mujoco_model import (
-    MujocoSelection,
-    make_mujoco_fields,
-    require_mujoco,
-    warn_of_omissions,
-)
+from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields, warn_of_omissions
 from lagsplat.diagnose.simulators.projection import FieldFunctions, project_fields
+from lagsplat.io.mujoco.model import MujocoSelection
+from lagsplat.io.mujoco.package import require_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 COUPLING, RATE = "coupling of {}", "rate of {}"

@@ -19,7 +19,7 @@ from lagsplat.diagnose.simulators.joint_models import (
     compute_input_rate,
     find_motors,
 )
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco
+from lagsplat.io.mujoco.model import load_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.arms import NOISE, record_arm, write_arm
 
