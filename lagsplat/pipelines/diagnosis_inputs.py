@@ -245,7 +245,7 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
             stacklevel=4,
         )
         return ()
-    made = build_joint_models(path, chosen, motions, hold=config.input_hold)
+    made = build_joint_models(path, chosen, motors, motions, hold=config.input_hold)
     return tuple(_open_joint(joint, sides.checked, config) for joint in made)
 
 

@@ -54,21 +54,12 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     mujoco = require_mujoco()
     model, data, rates = chosen.model, chosen.data, chosen.jacobian
     d, n_u = rates.shape[1], len(chosen.at_u)
-    dry, full = np.abs(rates).T @ model.dof_frictionloss, np.zeros((model.nv, model.nv))
+    dry = np.abs(rates).T @ model.dof_frictionloss
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-    no_speed, no_input = np.zeros(d), np.zeros(n_u)
     limited = model.actuator_ctrllimited[chosen.at_u, None].astype(bool)
     low, high = np.where(limited, model.actuator_ctrlrange[chosen.at_u], [-1.0, 1.0]).T
     # by a command within its range, at most 1, the gain of each actuator is measured
     commands = np.diag(np.where(high > 0.0, np.minimum(high, 1.0), np.maximum(low, -1.0)))
-
-    def set_state(q: np.ndarray, v: np.ndarray = no_speed, u: np.ndarray = no_input) -> None:
-        chosen.set_positions(q)
-        data.qvel[:] = rates @ v
-        data.ctrl[:] = 0.0
-        data.ctrl[chosen.at_u] = u
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
 
     def actuation() -> np.ndarray:
         """Force of actuators that have settled at their command."""
@@ -79,25 +70,24 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
         return rates.T @ data.qfrc_actuator
 
     def mass(q: np.ndarray) -> np.ndarray:
-        set_state(q)
-        mujoco.mj_fullM(model, data, full)
-        return rates.T @ full @ rates
+        chosen.set_state(q)
+        return rates.T @ chosen.measure_mass() @ rates
 
     def potential_gradient(q: np.ndarray) -> np.ndarray:
-        set_state(q)
+        chosen.set_state(q)
         return rates.T @ (data.qfrc_bias - data.qfrc_passive) - actuation()
 
     def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        set_state(q)
+        chosen.set_state(q)
         still = rates.T @ data.qfrc_passive + actuation()
-        set_state(q, v)
+        chosen.set_state(q, v)
         return still - rates.T @ data.qfrc_passive - actuation() + dry * np.sign(v)
 
     def input_map(q: np.ndarray) -> np.ndarray:
-        set_state(q)
+        chosen.set_state(q)
         unloaded, forces = actuation(), np.empty((n_u, d))
         for c, u in enumerate(commands):
-            set_state(q, u=u)
+            chosen.set_state(q, u=u)
             forces[c] = (actuation() - unloaded) / u[c]
         return forces
 
@@ -130,11 +120,9 @@ def warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegi
     left_out = model.neq - len(chosen.followers)
     if left_out:
         omitted.append(f"{left_out} equality constraint(s)")
-    data = chosen.data
     for point in region.q[:: max(1, len(region.q) // 50)]:  # 50 points, because contacts are slow to find
         chosen.set_positions(point)
-        mujoco.mj_fwdPosition(model, data)
-        if data.ncon:
+        if chosen.data.ncon:
             omitted.append("contacts between bodies")
             break
     if omitted:

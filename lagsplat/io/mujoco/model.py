@@ -6,6 +6,7 @@ first key frame, or its reference pose, has them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,7 @@ class MujocoSelection:
     at_u: np.ndarray  # positions of the inputs in `ctrl`
     followers: tuple[Follower, ...] = ()
 
-    @property
+    @cached_property
     def jacobian(self) -> np.ndarray:
         """Rates of all of the model's degrees of freedom over those of the coordinates, (nv, d)."""
         rates = np.zeros((self.model.nv, len(self.at_v)))
@@ -55,6 +56,20 @@ class MujocoSelection:
         self.data.qpos[self.at_q] = q
         for follower in self.followers:
             self.data.qpos[follower.at_q] = follower.offset + follower.ratios @ q
+        require_mujoco().mj_fwdPosition(self.model, self.data)
+
+    def set_state(self, q: np.ndarray, v: np.ndarray | None = None, u: np.ndarray | None = None) -> None:
+        """Put coordinates, their rates (d,) and the inputs (n_u,), by default zero, into the data."""
+        self.data.qvel[:], self.data.ctrl[:] = 0.0 if v is None else self.jacobian @ v, 0.0
+        self.data.ctrl[self.at_u] = 0.0 if u is None else u
+        self.set_positions(q)
+        require_mujoco().mj_fwdVelocity(self.model, self.data)
+
+    def measure_mass(self) -> np.ndarray:
+        """The mass matrix (nv, nv) of all degrees of freedom where the data are."""
+        full = np.zeros((self.model.nv, self.model.nv))
+        require_mujoco().mj_fullM(self.model, self.data, full)
+        return full
 
 
 def load_spec(path: Path, parameters: str | None = None) -> Any:
