@@ -131,8 +131,7 @@ def _follow(
     step_s = float(model.opt.timestep)
     rate = 1.0 / (TRACKING_SAMPLES * float(np.median(np.diff(time_s))))
     q, force = np.empty(aim.q.shape), np.empty(aim.q.shape)
-    data.qpos[at_q], data.qvel[:] = aim.q[0], 0.0
-    data.qvel[at_v] = aim.v[0]
+    follower.set_state(aim.q[0], aim.v[0])
     now = _invert_dynamics(chosen, aim.q[0], aim.v[0], aim.a[0])[0]
     for k in range(n):
         q[k], force[k] = data.qpos[at_q], now

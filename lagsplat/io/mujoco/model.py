@@ -52,7 +52,7 @@ class MujocoSelection:
         return rates
 
     def set_positions(self, q: np.ndarray) -> None:
-        """Put the coordinates ``q`` (d,), and what follows them, into the data."""
+        """Put the coordinates ``q`` (d,), and what follows them, into the data, and place the bodies."""
         self.data.qpos[self.at_q] = q
         for follower in self.followers:
             self.data.qpos[follower.at_q] = follower.offset + follower.ratios @ q

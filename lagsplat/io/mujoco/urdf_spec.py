@@ -82,9 +82,8 @@ def _check_base(urdf: Urdf) -> Iterator[UrdfRemark]:
 
 def _check_links(urdf: Urdf) -> Iterator[UrdfRemark]:
     if urdf.lost_meshes:
-        files = [f"{lost.file} of link {lost.link}, which {lost.why}" for lost in urdf.lost_meshes]
         yield UrdfRemark(
-            f"meshes for contacts are left out: {'; '.join(files)}",
+            f"meshes for contacts are left out: {'; '.join(urdf.lost_meshes)}",
             "masses and joints do not depend on them; contacts of these links are lost",
             "put them beside the file or into the package's folder, as STL or OBJ",
         )
