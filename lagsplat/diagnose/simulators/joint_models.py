@@ -16,7 +16,6 @@ early. The rate of the torque is a third input, without gain but with an uncerta
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -183,16 +182,12 @@ def _build_joint_model(
 
 def compute_input_rate(u: Float64[np.ndarray, " T"], motion: Trajectory, *, hold: str) -> np.ndarray:
     """Rate of change of an input (T,) within each clip [its unit / s]; of a held one, from its sample on."""
-    parts = []
-    for start, stop in motion.segments:
-        values, time_s = u[start:stop], motion.time_s[start:stop]
-        if stop - start < 2:
-            parts.append(np.zeros(stop - start))
-        elif hold == "zoh":
-            parts.append(np.append(np.diff(values) / np.diff(time_s), 0.0))
-        else:
-            parts.append(np.gradient(values, time_s))
-    return np.concatenate(parts)
+    if hold == "zoh":
+        return np.append(np.where(motion.joined, np.diff(u) / np.diff(motion.time_s), 0.0), 0.0)
+    clips = [slice(start, stop) for start, stop in motion.segments]
+    return np.concatenate(
+        [np.gradient(u[i], motion.time_s[i]) if len(u[i]) > 1 else np.zeros(1) for i in clips]
+    )
 
 
 def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float64[np.ndarray, " T"]:
@@ -203,10 +198,10 @@ def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float
 
 def _pick_coordinate(motion: Trajectory, i: int) -> Trajectory:
     """The motion of one coordinate without inputs."""
-    only = slice(i, i + 1)
-    kept: dict[str, Any] = {"q": motion.q[:, only], "v": None if motion.v is None else motion.v[:, only]}
-    kept |= {"q_names": motion.q_names[only], "resolution": motion.resolution[only]}
-    return replace(motion, u=np.zeros((motion.n, 0)), u_names=(), **kept)
+    only, q, v = slice(i, i + 1), motion.q[:, [i]], None if motion.v is None else motion.v[:, [i]]
+    names, resolution = motion.q_names[only], motion.resolution[only]
+    nothing = np.zeros((motion.n, 0))
+    return replace(motion, q=q, v=v, u=nothing, q_names=names, u_names=(), resolution=resolution)
 
 
 def _make_joint_fields(chosen: MujocoSelection, joint: int, inertia: float, gain: float) -> FieldFunctions:

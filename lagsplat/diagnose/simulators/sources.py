@@ -203,8 +203,8 @@ def _classify(path: Path) -> DataSource:
 
 def _find_inputs(path: Path) -> str | None:
     """The table of inputs beside a video."""
-    tables = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
-    return str(tables[0]) if tables else None
+    tables = (path.with_suffix(table) for table in TABLES)
+    return next((str(table) for table in tables if table.is_file()), None)
 
 
 def _classify_log(path: Path) -> DataSource:
