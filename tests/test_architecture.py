@@ -38,6 +38,7 @@ ROOMS = (
     "io.video",
     "io.lerobot",
     "io.urdf",
+    "io.mujoco",
     "io.krauss",
     "io.read",
     "views",

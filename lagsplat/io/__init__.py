@@ -1,4 +1,4 @@
-"""Readers and writers: recordings, trajectories, videos, logs of robots, URDF and artifacts.
+"""Readers and writers: recordings, trajectories, videos, logs of robots, URDF, MuJoCo models and artifacts.
 
 `read` opens any of them (`read_recording`, `read_trajectory`). Only this package touches user files.
 """

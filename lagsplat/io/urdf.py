@@ -7,7 +7,7 @@ Source: the elements of URDF and of `ros2_control` as ROS documents them (wiki.r
 """
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -48,15 +48,6 @@ class UrdfTransmission:
 
 
 @dataclass(frozen=True)
-class LostMesh:
-    """A mesh for contacts that was taken out of its link, and why."""
-
-    link: str
-    file: str
-    why: str
-
-
-@dataclass
 class Urdf:
     """A robot: the text for MuJoCo, and what it says beside that."""
 
@@ -67,8 +58,8 @@ class Urdf:
     transmissions: tuple[UrdfTransmission, ...]
     effort_joints: tuple[str, ...]  # joints with a command interface of effort in `ros2_control`
     massless: tuple[str, ...]  # links without an inertia that have a geometry for contacts
-    lost_meshes: list[LostMesh] = field(default_factory=list)
-    ignored: tuple[str, ...] = ()
+    lost_meshes: tuple[str, ...]  # meshes for contacts that were taken out, and why: "FILE of link LINK, ..."
+    ignored: tuple[str, ...]  # elements that only other programs read
 
 
 def read_urdf(path: Path) -> Urdf:
@@ -98,7 +89,7 @@ def read_urdf(path: Path) -> Urdf:
     if len(roots) != 1:
         names = [each.get("name", "") for each in roots]
         raise ValueError(f"{path}: links without a parent are {names}; a URDF has exactly one")
-    lost = [loss for each in links for loss in _settle_meshes(path, each)]
+    lost = tuple(mesh for each in links for mesh in _settle_meshes(path, each))
     _keep_paths(robot)
     return Urdf(
         text=ET.tostring(robot, encoding="unicode"),
@@ -170,8 +161,8 @@ def _read_transmission(path: Path, element: ET.Element) -> UrdfTransmission:
     )
 
 
-def _settle_meshes(path: Path, link: ET.Element) -> list[LostMesh]:
-    """Give the meshes of a link absolute paths; take out those that MuJoCo cannot read."""
+def _settle_meshes(path: Path, link: ET.Element) -> list[str]:
+    """Give the meshes of a link absolute paths; take out, and list, those that MuJoCo cannot read."""
     lost = []
     for use in (*link.findall("visual"), *link.findall("collision")):
         mesh = use.find("geometry/mesh")
@@ -189,7 +180,7 @@ def _settle_meshes(path: Path, link: ET.Element) -> list[LostMesh]:
                 if found is None
                 else f"is of a kind MuJoCo does not read ({', '.join(MESHES)})"
             )
-            lost.append(LostMesh(link.get("name", ""), name, why))
+            lost.append(f"{name} of link {link.get('name', '')}, which {why}")
     return lost
 
 

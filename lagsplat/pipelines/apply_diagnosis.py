@@ -17,6 +17,7 @@ from lagsplat.diagnose.simulators.python_model import load_python, project_pytho
 from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import load_json
+from lagsplat.io.mujoco.model import load_mujoco
 
 AUGMENTED_FILE = "augmented.safetensors"
 MODELS = ("run", "model", "mujoco", "python")  # kinds of sources that are simulators, not recordings
@@ -100,8 +101,9 @@ def sample_simulator(
     if more:
         raise ValueError(f"sim={name}: {1 + len(more)} things; name one model")
     if source.kind == "mujoco":
-        names = {"joints": joints, "actuators": actuators}
-        return project_mujoco(Path(source.path), region, **names, parameters=parameters)
+        path = Path(source.path)
+        chosen = load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
+        return project_mujoco(path, chosen, region)
     if source.kind == "python":
         return project_python(load_python(source.path), region, what=source.path)
     if source.kind == "run":

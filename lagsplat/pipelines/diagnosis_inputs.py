@@ -25,7 +25,7 @@ from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operati
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
 from lagsplat.diagnose.inference.recalibration import calibrate_misfit, recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
-from lagsplat.diagnose.simulators.mujoco_model import check_urdf, find_position_targets, load_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import check_urdf
 from lagsplat.diagnose.simulators.sources import (
     VIDEO_KINDS,
     DataSource,
@@ -34,6 +34,7 @@ from lagsplat.diagnose.simulators.sources import (
     prefer_numbers,
     read_sources,
 )
+from lagsplat.io.mujoco.model import find_position_targets, load_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 
@@ -244,7 +245,7 @@ def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs
             stacklevel=4,
         )
         return ()
-    made = build_joint_models(path, chosen, motions, hold=config.input_hold)
+    made = build_joint_models(path, chosen, motors, motions, hold=config.input_hold)
     return tuple(_open_joint(joint, sides.checked, config) for joint in made)
 
 

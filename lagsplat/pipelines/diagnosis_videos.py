@@ -24,7 +24,7 @@ from lagsplat.diagnose.imaging.video_checks import (
 )
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
-from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources, make_video_trajectory
+from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
@@ -214,7 +214,13 @@ def _read_trajectory(
     shift = measure_camera_shift(recording, run.recording.split()[0], run.autoencoder, run.chart)
     findings += check_camera(shift, source=Path(source.path).name)
     latents = run.chart.encode(run.autoencoder, recording.frames)
-    motion = make_video_trajectory(recording, latents, source=source.path)
+    motion = Trajectory(
+        time_s=recording.time_s,
+        q=latents,
+        u=recording.inputs,
+        segments=recording.segments,
+        source=Path(source.path).name,
+    )
     return RecordedTrajectory(_adopt(motion, run), recording, shift, tuple(findings))
 
 

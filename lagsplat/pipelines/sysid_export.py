@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, load_mujoco, load_spec, require_mujoco
 from lagsplat.diagnose.simulators.sources import find_sources, prefer_numbers, read_sources
-from lagsplat.diagnose.simulators.sysid_parameters import list_sysid_parameters
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.sysid_parameters import write_sysid_parameters
+from lagsplat.io.mujoco.model import MujocoSelection, load_mujoco, load_spec
+from lagsplat.io.mujoco.sysid_parameters import list_sysid_parameters
 from lagsplat.io.trajectory.sysid_series import (
     CONTROL,
     CONTROL_END,
@@ -68,7 +68,7 @@ def export_sysid(folder: Path, out: Path) -> tuple[Path, ...]:
         log.warning("%s: there is no %s, so the parameters are those of the sim, unchanged", folder, PATCH)
         return tuple(written)
     before = load_spec(sim, choice["parameters"])
-    parameters, others = list_sysid_parameters(before, load_spec(patched), mujoco=require_mujoco())
+    parameters, others = list_sysid_parameters(before, load_spec(patched))
     for other in others:
         log.warning("no parameter: %s; it is in the model alone", other)
     write_sysid_parameters(out / START, [replace(each, value=each.nominal) for each in parameters])

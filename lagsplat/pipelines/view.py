@@ -10,7 +10,7 @@ from lagsplat.array_types import Vector
 from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
-from lagsplat.diagnose.augmented.simulate import MissingAcceleration
+from lagsplat.diagnose.augmented.simulate import compute_missing_acceleration
 from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.provenance import set_threads
@@ -128,9 +128,9 @@ def title_of(folder: Path) -> str:
 
 def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Vector]:
     file = diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis
-    missing = MissingAcceleration(load_augmented(file))
+    augmented = load_augmented(file)
     try:
-        missing.acceleration(session.q, session.v, session.u)
+        compute_missing_acceleration(augmented, session.q, session.v, session.u)
     except ValueError as error:
         raise ValueError(f"{diagnosis}: a diagnosis of another sim than this run ({error})") from error
-    return lambda snapshot: missing.acceleration(snapshot.q, snapshot.v, snapshot.u)
+    return lambda now: compute_missing_acceleration(augmented, now.q, now.v, now.u)

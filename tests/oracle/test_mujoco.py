@@ -15,7 +15,8 @@ from lagsplat.diagnose.effects.parameters import LogNormal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.simulators.mujoco_model import find_position_targets, load_mujoco, project_mujoco
+from lagsplat.diagnose.simulators.mujoco_model import project_mujoco
+from lagsplat.io.mujoco.model import find_position_targets, load_mujoco
 from tests.unit.diagnose.toys import bare
 
 mujoco = pytest.importorskip("mujoco")
@@ -82,7 +83,7 @@ def kept(model: MechanicalModel, d: int, n_u: int) -> AugmentedSimulator:
 @pytest.mark.parametrize("d", [1, 2])
 def test_a_model_file_moves_as_mujoco_moves_it(tmp_path: Path, d: int) -> None:
     path = arm(tmp_path, d)
-    found = project_mujoco(path, region(d, d))
+    found = project_mujoco(path, load_mujoco(path), region(d, d))
     assert found.error < 0.003
     start = np.array([0.6, -0.4])[:d]
     ours, _ = simulate_augmented(kept(found.model, d, d), drive(d), q=start)
@@ -94,7 +95,7 @@ def test_joints_and_actuators_can_be_chosen(tmp_path: Path) -> None:
     path = arm(tmp_path, 2)
     chosen = load_mujoco(path, joints=["elbow"], actuators=["hold"])
     assert (chosen.joints, chosen.actuators) == (("elbow",), ("hold",))
-    model = project_mujoco(path, region(1, 1), joints=["elbow"], actuators=["hold"]).model
+    model = project_mujoco(path, load_mujoco(path, joints=["elbow"], actuators=["hold"]), region(1, 1)).model
     # the forearm alone: gravity and the servo's stiffness over the inertia of a rod about its end
     data = mujoco.MjData(chosen.model)
     mujoco.mj_forward(chosen.model, data)
@@ -105,7 +106,7 @@ def test_joints_and_actuators_can_be_chosen(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"no joint 'wrist', only \['shoulder', 'elbow'\]"):
         load_mujoco(path, joints=["wrist"])
     with pytest.raises(ValueError, match=r"2 joints .* 1 column\(s\) q"):
-        project_mujoco(path, region(1, 2))
+        project_mujoco(path, load_mujoco(path), region(1, 2))
 
 
 def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +174,7 @@ def test_a_patched_file_moves_as_the_augmented_sim(
     tmp_path: Path, name: str, values: dict[str, float], variant: str, bound: float
 ) -> None:
     path, out = arm(tmp_path, 1), tmp_path / "patched" / "arm.xml"
-    one = kept(project_mujoco(path, region(1, 1)).model, 1, 1)
+    one = kept(project_mujoco(path, load_mujoco(path), region(1, 1)).model, 1, 1)
     changed = added(one, name, values, variant)
     assert patch_augmented(path, out, changed)
     start = np.array([0.6])
@@ -196,7 +197,7 @@ def test_gains_of_a_controller_are_those_of_its_position_actuator(tmp_path: Path
     path.write_text(path.read_text().replace('<motor name="drive" joint="shoulder" gear="0.8"/>', servo))
     chosen = load_mujoco(path)
     assert find_position_targets(chosen) == [(0, 0)]
-    model = project_mujoco(path, region(1, 1)).model
+    model = project_mujoco(path, load_mujoco(path), region(1, 1)).model
     gain = float(model.drive(np.zeros((1, 1)), np.ones((1, 1)))[0, 0] / model.inertia[0, 0])
     one = added(kept(model, 1, 1), "controller_gain", {"kp_ratio": 1.5, "kd": 0.8})
     servo_place = replace(one.effects[0], channel=0, constants=(gain, float(model.rest[0])))
@@ -219,7 +220,7 @@ def test_motors_and_geared_actuators_have_no_target_of_their_own(tmp_path: Path)
 
 def test_an_effect_is_written_at_its_joint_or_not_at_all(tmp_path: Path) -> None:
     path, out = arm(tmp_path, 2), tmp_path / "out.xml"
-    plain = kept(project_mujoco(path, region(2, 2)).model, 2, 2)
+    plain = kept(project_mujoco(path, load_mujoco(path), region(2, 2)).model, 2, 2)
     (change,) = patch_augmented(path, out, added(plain, "viscous_damping", {"rate": 2.0}, at=1))
     assert change.startswith("joint elbow: damping")
     chosen, new = load_mujoco(path), mujoco.MjModel.from_xml_path(str(out))
@@ -240,7 +241,7 @@ def test_an_effect_is_written_at_its_joint_or_not_at_all(tmp_path: Path) -> None
 
 def test_a_heavier_whole_keeps_its_free_motion(tmp_path: Path) -> None:
     path, out = arm(tmp_path, 2), tmp_path / "out.xml"
-    plain = kept(project_mujoco(path, region(2, 2)).model, 2, 2)
+    plain = kept(project_mujoco(path, load_mujoco(path), region(2, 2)).model, 2, 2)
     assert patch_augmented(path, out, added(plain, "mass_change", {"ratio": 1.5}, at=None))
     old, new = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, out))
     masses, forces = [], []

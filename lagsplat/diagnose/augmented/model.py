@@ -49,10 +49,13 @@ class AugmentedSimulator:
     u_names: tuple[str, ...]
     region: OperatingRegion  # states and inputs of the real recording
 
+    def split_unknowns(self) -> list[Float64[np.ndarray, " n"]]:
+        """The unknowns of each effect, and last the nuisance parameters."""
+        return np.split(self.x, np.cumsum([placed.size for placed in self.effects], dtype=np.int64))
+
     def parameters(self, n: int) -> dict[str, float]:
         """Parameters of effect number ``n`` in the units of the recording."""
-        before, placed = sum(other.size for other in self.effects[:n]), self.effects[n]
-        return placed.name_parameters(self.x[before : before + placed.size])
+        return self.effects[n].name_parameters(self.split_unknowns()[n])
 
     @property
     def bounded(self) -> bool:
@@ -107,8 +110,7 @@ def transfer_effects(simulator: AugmentedSimulator, model: MechanicalModel) -> A
     for placed in simulator.effects:
         along = placed.direction and Direction.of(placed.direction.name, placed.direction.covector, model)
         effects.append(replace(placed, direction=along))
-    n = sum(placed.size for placed in effects)
-    x = np.concatenate([simulator.x[:n], np.zeros(nuisance.size)])
+    x = np.concatenate([*simulator.split_unknowns()[:-1], np.zeros(nuisance.size)])
     return replace(simulator, model=model, nuisance=nuisance, effects=tuple(effects), x=x)
 
 

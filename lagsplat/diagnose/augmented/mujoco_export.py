@@ -15,7 +15,9 @@ from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
-from lagsplat.diagnose.simulators import mujoco_model
+from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields
+from lagsplat.io.mujoco.model import URDF, MujocoSelection, load_mujoco, load_spec
+from lagsplat.io.mujoco.package import get_angle_unit, require_mujoco
 
 WEAK_SPRING = 1e-6  # stiffness, relative to its force, of a spring that stands for a constant force
 
@@ -28,7 +30,7 @@ class MujocoElement:
     """
 
     spec: Any  # the `mujoco.MjSpec`
-    selection: mujoco_model.MujocoSelection
+    selection: MujocoSelection
     """The compiled model, with the joints and actuators that are coordinates and inputs."""
     joint: Any  # none where the effect acts on all of several joints
     actuator: Any
@@ -41,13 +43,12 @@ class MujocoElement:
     @property
     def mujoco(self) -> Any:
         """The module, for its enumerations."""
-        return mujoco_model.require_mujoco()
+        return require_mujoco()
 
     @property
     def angle_unit(self) -> float:
-        """Unit of the joint's positions in the specification: a degree for hinges of files in degrees."""
-        hinge = self.joint.type == self.mujoco.mjtJoint.mjJNT_HINGE
-        return np.pi / 180.0 if hinge and self.spec.compiler.degree else 1.0
+        """Unit of the joint's positions in the specification."""
+        return get_angle_unit(self.spec, self.joint)
 
     def add_spring(self, added: Polynomial) -> tuple[str, ...]:
         """Add to the joint's spring; MuJoCo counts powers from where the spring is slack, a root.
@@ -133,10 +134,10 @@ def patch_augmented(
     directions = [placed.direction for placed in simulator.effects if placed.direction is not None]
     if any(np.count_nonzero(direction.covector) > 1 for direction in directions):
         return ()  # between two joints
-    selection = mujoco_model.load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
-    mass = mujoco_model.make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
+    selection = load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
+    mass = make_mujoco_fields(selection).mass(simulator.model.rest[None])[0]
     mass = mass if inertia is None else np.array([[inertia]])
-    spec = mujoco_model.load_spec(path, parameters)
+    spec = load_spec(path, parameters)
     changed: list[str] = []
     for n, placed in enumerate(simulator.effects):
         along = None if placed.direction is None else int(np.argmax(np.abs(placed.direction.covector)))
@@ -171,7 +172,7 @@ def patch_augmented(
         raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {changes}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(spec.to_xml(), encoding="utf-8")
-    if path.suffix.lower() == mujoco_model.URDF:
+    if path.suffix.lower() == URDF:
         changed.append(f"{out.name} is an MJCF, as a URDF has no place for all that MuJoCo simulates")
     return tuple(changed)
 

@@ -14,30 +14,6 @@ from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
 Vector = Float64[np.ndarray, " d"]
 
 
-class MissingAcceleration:
-    """What the effects of a diagnosis add to the acceleration of the simulator at any state.
-
-    It compares the simulator with and without its effects over one step from the same state. Effects with a
-    memory begin anew at every call, and those at instants of the recording act as at its start.
-    """
-
-    def __init__(self, simulator: AugmentedSimulator) -> None:
-        n = sum(placed.size for placed in simulator.effects)
-        self.augmented, self.plain = simulator, replace(simulator, effects=(), x=simulator.x[n:])
-
-    def acceleration(self, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"]) -> Vector:
-        """The missing acceleration [1/s^2] at a state and its velocity under held inputs.
-
-        Raises:
-            ValueError: numbers of coordinates or inputs that are not those of the simulator.
-        """
-        step_s = self.augmented.step_s
-        signals = AppliedSignals(np.array([0.0, step_s]), np.stack([u, u]))
-        _, with_effects = simulate_augmented(self.augmented, signals, q=q, v=v)
-        _, without = simulate_augmented(self.plain, signals, q=q, v=v)
-        return (with_effects[1] - without[1]) / step_s
-
-
 @dataclass(frozen=True)
 class AppliedSignals:
     """Instants [s], which may be uneven, with inputs and with pushes along every coordinate.
@@ -97,6 +73,23 @@ def simulate_augmented(
     return y[0, 0], rate[0, 0]
 
 
+def compute_missing_acceleration(
+    simulator: AugmentedSimulator, q: Vector, v: Vector, u: Float64[np.ndarray, " n_u"]
+) -> Vector:
+    """What the effects add to the acceleration [1/s^2] at a state and its velocity under held inputs.
+
+    The simulator with and without its effects is compared over one step. Effects with a memory begin anew,
+    and those at instants of the recording act as at its start.
+
+    Raises:
+        ValueError: as `simulate_augmented`.
+    """
+    plain = replace(simulator, effects=(), x=simulator.split_unknowns()[-1])
+    signals = AppliedSignals(np.array([0.0, simulator.step_s]), np.stack([u, u]))
+    after, without = (simulate_augmented(each, signals, q=q, v=v)[1][1] for each in (simulator, plain))
+    return (after - without) / simulator.step_s
+
+
 def _add_push_inputs(simulator: AugmentedSimulator) -> AugmentedSimulator:
     """The same with one more input for each coordinate, a force that no effect and no uncertainty changes."""
     model, nuisance, d, n_u = simulator.model, simulator.nuisance, simulator.model.d, simulator.model.n_u
@@ -110,19 +103,19 @@ def _add_push_inputs(simulator: AugmentedSimulator) -> AugmentedSimulator:
     kept = np.concatenate([known[name].ravel() for name in COEFFICIENT_FIELDS])
     directions = np.zeros((len(nuisance.directions), kept.size))
     directions[:, kept] = nuisance.directions
-    effects, unknowns, at = [], [], 0
-    for placed in simulator.effects:
+    effects, unknowns = [], []
+    *of_effects, of_nuisance = simulator.split_unknowns()
+    for placed, x in zip(simulator.effects, of_effects, strict=True):
         # an effect of all inputs at once becomes one of each, so that it leaves the pushes alone
         on_inputs = isinstance(placed.effect, InputEffect)
         for channel in placed.list_channels(n_u) if on_inputs else [placed.channel]:
             effects.append(replace(placed, channel=channel))
-            unknowns.append(simulator.x[at : at + placed.size])
-        at += placed.size
-    gains = at + 2 + n_u  # the nuisance parameters begin with two of the mechanism and the gain of each input
+            unknowns.append(x)
+    gains = 2 + n_u  # the nuisance parameters begin with two of the mechanism and the gain of each input
     return replace(
         simulator,
         model=replace(model, input_map=input_map),
         nuisance=replace(nuisance, n_u=n_u + d, directions=directions),
         effects=tuple(effects),
-        x=np.concatenate([*unknowns, simulator.x[at:gains], np.zeros(d), simulator.x[gains:]]),
+        x=np.concatenate([*unknowns, of_nuisance[:gains], np.zeros(d), of_nuisance[gains:]]),
     )

@@ -1,6 +1,6 @@
 """Inverse dynamics of a MuJoCo chain along a measured motion, and a run of the file that moves alike.
 
-Contacts, limits and equalities are left out of both, as of `lagsplat.diagnose.simulators.mujoco_model`.
+Contacts, limits and equalities are left out of both, as in `mujoco_model`.
 
 Source: the recursive Newton-Euler algorithm, Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 5, as
 MuJoCo computes it; the run follows its motion by computed torque, Craig, "Introduction to Robotics", ch. 10.
@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion
-from lagsplat.diagnose.simulators.mujoco_model import MujocoSelection, require_mujoco
+from lagsplat.io.mujoco.model import MujocoSelection
+from lagsplat.io.mujoco.package import require_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 HELD_INERTIA = 1e6  # inertia of joints that are no coordinates, over the largest of those that are
@@ -36,28 +37,20 @@ def compute_chain_forces(chosen: MujocoSelection, motion: SmoothedMotion) -> Cha
 
     Joints that are not chosen rest where the data of ``chosen`` have them.
     """
-    n, d = motion.q.shape
-    required, inertia = np.empty((n, d)), np.empty((n, d))
-    for k in range(n):
-        required[k], mass = _invert_dynamics(chosen, motion.q[k], motion.v[k], motion.a[k])
-        inertia[k] = np.diagonal(mass)
-    own = [compute_own_force(chosen, i, motion.q[:, i], motion.v[:, i]) for i in range(d)]
-    return ChainForces(required, np.stack(own, axis=1), inertia)
+    states = zip(motion.q, motion.v, motion.a, strict=True)
+    required, mass = map(np.array, zip(*(_invert_dynamics(chosen, *state) for state in states), strict=True))
+    columns = enumerate(zip(motion.q.T, motion.v.T, strict=True))
+    own = [compute_own_force(chosen, joint, q, v) for joint, (q, v) in columns]
+    return ChainForces(required, np.stack(own, axis=1), np.diagonal(mass, axis1=1, axis2=2))
 
 
 def _invert_dynamics(
     chosen: MujocoSelection, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[Float64[np.ndarray, " d"], Float64[np.ndarray, "d d"]]:
     """Force on the chosen joints that gives the acceleration ``a``, and the mass matrix."""
-    mujoco, model, data = require_mujoco(), chosen.model, chosen.data
-    data.ctrl[:], data.qvel[:] = 0.0, 0.0
-    data.qpos[chosen.at_q], data.qvel[chosen.at_v] = q, v
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    mass = full[np.ix_(chosen.at_v, chosen.at_v)]
-    return mass @ a + (data.qfrc_bias - data.qfrc_passive)[chosen.at_v], mass
+    chosen.set_state(q, v)
+    mass = chosen.measure_mass()[np.ix_(chosen.at_v, chosen.at_v)]
+    return mass @ a + (chosen.data.qfrc_bias - chosen.data.qfrc_passive)[chosen.at_v], mass
 
 
 def compute_own_force(
@@ -84,20 +77,19 @@ def simulate_alike(
     smoothed: Sequence[SmoothedMotion],
     *,
     hold: str,
-    seed: int = 0,
 ) -> list[tuple[Trajectory, Float64[np.ndarray, "T d"]]]:
     """Recordings that the file itself would give of these motions, each with the force on every joint (T, d).
 
-    A controller makes MuJoCo follow the motions, by the time step and the integrator of the file. What is
-    computed from such a recording shows what errors of integration and smoothing amount to.
+    A controller makes MuJoCo follow the motions, by the time step and the integrator of the file; noise is
+    added, as large as what smoothing removed. What is computed from such a recording shows what errors of
+    integration and smoothing amount to.
 
     Args:
         path, chosen: the file, and its joints.
         motions, smoothed: the motions and what they are without noise.
         hold: whether forces are held between samples ("zoh") or linear.
-        seed: of the noise that is added, as large as what smoothing removed.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     follower = _make_follower(chosen)
     removed = [motion.q - aim.q for motion, aim in zip(motions, smoothed, strict=True)]
     sigma = np.sqrt(np.mean(np.concatenate(removed) ** 2, axis=0))
@@ -125,9 +117,7 @@ def _make_follower(chosen: MujocoSelection) -> MujocoSelection:
     others = np.setdiff1d(np.arange(model.nv), follower.at_v)
     if others.size:
         mujoco.mj_forward(model, follower.data)
-        full = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, follower.data, full)
-        model.dof_armature[others] = HELD_INERTIA * np.diagonal(full).max()
+        model.dof_armature[others] = HELD_INERTIA * np.diagonal(follower.measure_mass()).max()
     return follower
 
 
@@ -141,8 +131,7 @@ def _follow(
     step_s = float(model.opt.timestep)
     rate = 1.0 / (TRACKING_SAMPLES * float(np.median(np.diff(time_s))))
     q, force = np.empty(aim.q.shape), np.empty(aim.q.shape)
-    data.qpos[at_q], data.qvel[:] = aim.q[0], 0.0
-    data.qvel[at_v] = aim.v[0]
+    follower.set_state(aim.q[0], aim.v[0])
     now = _invert_dynamics(chosen, aim.q[0], aim.v[0], aim.a[0])[0]
     for k in range(n):
         q[k], force[k] = data.qpos[at_q], now

@@ -6,7 +6,6 @@ higher degree. So it is diagnosed over ``x``, and any other law over the latents
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import torch
@@ -73,7 +72,7 @@ def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFun
     """
     unit = float(lagrangian.time_unit_s)
     size = np.sqrt(np.mean(region.u**2, axis=0)) + 1e-12
-    signs = [tuple(s for s in (1.0, -1.0) if (s * column > 0.0).any()) for column in region.u.T]
+    signs = [[s for s in (1.0, -1.0) if (s * column > 0.0).any()] or [1.0] for column in region.u.T]
     with torch.no_grad():
         ready = lagrangian.prepare()
 
@@ -86,20 +85,19 @@ def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFun
     def input_map(q: np.ndarray) -> np.ndarray:
         forces, unloaded = np.zeros((len(q), lagrangian.n_inputs, lagrangian.d)), potential_gradient(q)
         for c, signs_of_input in enumerate(signs):
-            for sign in signs_of_input or (1.0,):
+            for sign in signs_of_input:
                 u = np.zeros((len(q), lagrangian.n_inputs))
                 u[:, c] = sign * size[c]
                 difference = unloaded + conservative_force(q, u)
-                forces[:, c] += difference / (sign * size[c]) / max(len(signs_of_input), 1)
+                forces[:, c] += difference / (sign * size[c]) / len(signs_of_input)
         return forces
 
-    def mass(q: np.ndarray) -> np.ndarray:
-        return unit**2 * _evaluate(lagrangian.mass, q)
-
-    def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return unit * np.einsum("nij,nj->ni", _evaluate(lagrangian.damping, q), v)
-
-    return FieldFunctions(mass, potential_gradient, input_map, dissipation)
+    return FieldFunctions(
+        mass=lambda q: unit**2 * _evaluate(lagrangian.mass, q),
+        potential_gradient=potential_gradient,
+        input_map=input_map,
+        dissipation=lambda q, v: unit * np.einsum("nij,nj->ni", _evaluate(lagrangian.damping, q), v),
+    )
 
 
 @torch.no_grad()
@@ -117,16 +115,9 @@ def read_chart_trajectory(chart: Chart, *, held_out: bool) -> Trajectory:
     Raises:
         ValueError: that part has no frame.
     """
-    start, stop = (chart.n_train, len(chart.latents)) if held_out else (0, chart.n_train)
     part = chart.held_out if held_out else chart.train
     if not part.segments:
         raise ValueError("the run holds no frame out of its training; give another recording as real=")
-    kept = np.concatenate([np.arange(a, b) for a, b in part.segments])
-    lengths = np.cumsum([0, *(b - a for a, b in part.segments)])
-    return Trajectory(
-        time_s=chart.time_s[start:stop][kept],
-        q=part.latents[kept],
-        u=part.inputs[kept],
-        segments=tuple((int(a), int(b)) for a, b in pairwise(lengths)),
-        source="held-out part" if held_out else "training part",
-    )
+    source = "held-out part" if held_out else "training part"
+    motion = Trajectory(part.time_s, part.latents, part.inputs, source=source)
+    return motion.pieces(part.segments)

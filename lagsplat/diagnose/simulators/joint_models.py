@@ -13,10 +13,9 @@ Torques may act some time before or after their stamp: MuJoCo's integrator lets 
 early. The rate of the torque is a third input, without gain but with an uncertainty of half a time step.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -33,13 +32,10 @@ from lagsplat.diagnose.simulators.chain_dynamics import (
     compute_own_force,
     simulate_alike,
 )
-from lagsplat.diagnose.simulators.mujoco_model import (
-    MujocoSelection,
-    make_mujoco_fields,
-    require_mujoco,
-    warn_of_omissions,
-)
+from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields, warn_of_omissions
 from lagsplat.diagnose.simulators.projection import FieldFunctions, project_fields
+from lagsplat.io.mujoco.model import MujocoSelection
+from lagsplat.io.mujoco.package import require_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 COUPLING, RATE = "coupling of {}", "rate of {}"
@@ -94,26 +90,22 @@ def find_motors(chosen: MujocoSelection, q: Float64[np.ndarray, "N d"]) -> dict[
 
 
 def build_joint_models(
-    path: Path, chosen: MujocoSelection, motions: Sequence[Trajectory], *, hold: str
+    path: Path,
+    chosen: MujocoSelection,
+    motors: Mapping[int, Motor],
+    motions: Sequence[Trajectory],
+    *,
+    hold: str,
 ) -> tuple[JointModel, ...]:
     """A model for every chosen joint that moves, with a warning of what the file has beyond them.
 
     Args:
         path, chosen: the MuJoCo file and its joints and actuators; contacts are switched off in it.
+        motors: the motor of each of the joints, as `find_motors` gives them.
         motions: recordings of all of them.
         hold: "zoh" where inputs are held between samples, else "linear".
-
-    Raises:
-        ValueError: a joint without a motor of its own (`find_motors`).
     """
     ready = prepare_dataset(motions, period_s=estimate_spectral_period_s(motions))
-    motors = find_motors(chosen, ready.smooth)
-    lacking = [name for i, name in enumerate(chosen.joints) if i not in motors]
-    if lacking:
-        names = ", ".join(lacking)
-        raise ValueError(
-            f"{path}: no motor of its own drives {names}; give each joint one, and log its torque"
-        )
     warn_of_omissions(path, chosen, sample_operating_region(ready.dataset))
     chosen.model.opt.disableflags |= int(require_mujoco().mjtDisableBit.mjDSBL_CONTACT)
     count = len(chosen.joints)
@@ -121,84 +113,81 @@ def build_joint_models(
     periods_s = [1.0] * count  # those of joints that never move are of no account
     for i in moving:
         periods_s[i] = estimate_spectral_period_s([_pick_coordinate(motion, i) for motion in motions])
-    smoothed = smooth_motions(motions, periods_s=periods_s)
-    channels = [motors[i].channel for i in range(count)]
+    real = _measure_chain(chosen, motions, periods_s)
+    channels, gains = [motors[i].channel for i in range(count)], [motors[i].gain for i in range(count)]
     nominal = []
-    for motion, force in simulate_alike(path, chosen, motions, smoothed, hold=hold):
+    for motion, force in simulate_alike(path, chosen, motions, [each.smooth for each in real], hold=hold):
         u = np.zeros_like(motion.u)
-        u[:, channels] = force / [motors[i].gain for i in range(count)]
+        u[:, channels] = force / gains
         nominal.append(replace(motion, u=u))
-    nominal_smooth = smooth_motions(nominal, periods_s=periods_s)
-    real = _ChainMotions(motions, smoothed, [compute_chain_forces(chosen, each) for each in smoothed])
-    run = _ChainMotions(
-        nominal, nominal_smooth, [compute_chain_forces(chosen, each) for each in nominal_smooth]
-    )
+    run = _measure_chain(chosen, nominal, periods_s)
     return tuple(_build_joint_model(path, chosen, real, run, i, motors[i], hold) for i in moving)
 
 
 @dataclass(frozen=True)
-class _ChainMotions:
-    """Recordings of a chain, what they are without noise, and the forces along them."""
+class _ChainMotion:
+    """A recording of a chain, what it is without noise, and the forces along it."""
 
-    motions: Sequence[Trajectory]
-    smoothed: Sequence[SmoothedMotion]
-    forces: Sequence[ChainForces]
+    motion: Trajectory
+    smooth: SmoothedMotion
+    forces: ChainForces
 
-    def pick(
-        self, joint: int, channel: int, names: tuple[str, str], inertia: float, hold: str
-    ) -> tuple[Trajectory, ...]:
-        """The recordings of one joint, with its motor's input and the coupling as inputs."""
-        pieces = []
-        for motion, smooth, force in zip(self.motions, self.smoothed, self.forces, strict=True):
-            coupling = inertia * smooth.a[:, joint] - force.required[:, joint] - force.own[:, joint]
-            torque = motion.u[:, channel]
-            rate = compute_input_rate(torque, motion, hold=hold)
-            if hold == "zoh":
-                coupling = average_held(coupling, motion)
-            u = np.stack([torque, coupling, rate], axis=1)
-            u_names = (names[1], COUPLING.format(names[0]), RATE.format(names[1]))
-            alone = replace(_pick_coordinate(motion, joint), u=u, u_names=u_names, computed=u_names[1:])
-            pieces.append(replace(alone, q_names=names[:1]))
-        return tuple(pieces)
+    def pick(self, joint: int, channel: int, names: tuple[str, str], inertia: float, hold: str) -> Trajectory:
+        """The recording of one joint, with its motor's input and the coupling as inputs."""
+        motion, forces, torque = self.motion, self.forces, self.motion.u[:, channel]
+        coupling = inertia * self.smooth.a[:, joint] - forces.required[:, joint] - forces.own[:, joint]
+        if hold == "zoh":
+            coupling = average_held(coupling, motion)
+        u = np.stack([torque, coupling, compute_input_rate(torque, motion, hold=hold)], axis=1)
+        u_names = (names[1], COUPLING.format(names[0]), RATE.format(names[1]))
+        alone = _pick_coordinate(motion, joint)
+        return replace(alone, u=u, u_names=u_names, computed=u_names[1:], q_names=names[:1])
+
+
+def _measure_chain(
+    chosen: MujocoSelection, motions: Sequence[Trajectory], periods_s: Sequence[float]
+) -> list[_ChainMotion]:
+    smoothed = smooth_motions(motions, periods_s=periods_s)
+    return [
+        _ChainMotion(motion, smooth, compute_chain_forces(chosen, smooth))
+        for motion, smooth in zip(motions, smoothed, strict=True)
+    ]
 
 
 def _build_joint_model(
     path: Path,
     chosen: MujocoSelection,
-    real: _ChainMotions,
-    run: _ChainMotions,
+    real: Sequence[_ChainMotion],
+    run: Sequence[_ChainMotion],
     joint: int,
     motor: Motor,
     hold: str,
 ) -> JointModel:
     names = (chosen.joints[joint], chosen.actuators[motor.channel])
-    inertia = float(np.median(np.concatenate([each.inertia[:, joint] for each in real.forces])))
-    motions, nominal = (side.pick(joint, motor.channel, names, inertia, hold) for side in (real, run))
+    inertia = float(np.median(np.concatenate([each.forces.inertia[:, joint] for each in real])))
+    motions, nominal = (
+        tuple(each.pick(joint, motor.channel, names, inertia, hold) for each in side) for side in (real, run)
+    )
     ready = prepare_dataset((*motions, *nominal), period_s=estimate_spectral_period_s(motions))
     region = sample_operating_region(ready.dataset)
     fields = _make_joint_fields(chosen, joint, inertia, motor.gain)
     model = project_fields(fields, region, what=f"{path.name}, joint {names[0]}").model
-    sim = EstimatedSimulator.exact(model)
     shift = np.zeros_like(model.input_map)
     shift[0, 2] = 0.5 * float(chosen.model.opt.timestep) * model.input_map[0, 0]
     unchanged = {name: np.zeros_like(getattr(model, name)) for name in COEFFICIENT_FIELDS}
     direction = flatten_coefficients(replace(model, **{**unchanged, "input_map": shift}))
-    sim = replace(sim, uncertainty_directions=direction[None])
+    sim = replace(EstimatedSimulator.exact(model), uncertainty_directions=direction[None])
     return JointModel(*names, motor.channel, sim, inertia, motions, nominal)
 
 
 def compute_input_rate(u: Float64[np.ndarray, " T"], motion: Trajectory, *, hold: str) -> np.ndarray:
     """Rate of change of an input (T,) within each clip [its unit / s]; of a held one, from its sample on."""
-    parts = []
-    for start, stop in motion.segments:
-        values, time_s = u[start:stop], motion.time_s[start:stop]
-        if stop - start < 2:
-            parts.append(np.zeros(stop - start))
-        elif hold == "zoh":
-            parts.append(np.append(np.diff(values) / np.diff(time_s), 0.0))
-        else:
-            parts.append(np.gradient(values, time_s))
-    return np.concatenate(parts)
+    if hold == "zoh":
+        return np.append(np.where(motion.joined, np.diff(u) / np.diff(motion.time_s), 0.0), 0.0)
+    clips = [slice(start, stop) for start, stop in motion.segments]
+    return np.concatenate(
+        [np.gradient(u[i], motion.time_s[i]) if len(u[i]) > 1 else np.zeros(1) for i in clips]
+    )
 
 
 def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float64[np.ndarray, " T"]:
@@ -209,10 +198,10 @@ def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float
 
 def _pick_coordinate(motion: Trajectory, i: int) -> Trajectory:
     """The motion of one coordinate without inputs."""
-    only = slice(i, i + 1)
-    kept: dict[str, Any] = {"q": motion.q[:, only], "v": None if motion.v is None else motion.v[:, only]}
-    kept |= {"q_names": motion.q_names[only], "resolution": motion.resolution[only]}
-    return replace(motion, u=np.zeros((motion.n, 0)), u_names=(), **kept)
+    only, q, v = slice(i, i + 1), motion.q[:, [i]], None if motion.v is None else motion.v[:, [i]]
+    names, resolution = motion.q_names[only], motion.resolution[only]
+    nothing = np.zeros((motion.n, 0))
+    return replace(motion, q=q, v=v, u=nothing, q_names=names, u_names=(), resolution=resolution)
 
 
 def _make_joint_fields(chosen: MujocoSelection, joint: int, inertia: float, gain: float) -> FieldFunctions:

@@ -1,220 +1,43 @@
 """A simulator that is a MuJoCo model file or a URDF: mass, bias, passive and actuator forces of its joints.
 
-Joints that a linear equality ties to the chosen ones follow them. All others are fixed where the model's
-first key frame, or its reference pose, has them. An actuator with a state counts as one that has settled.
-Time is continuous: the error of MuJoCo's integrator is not part of the simulator. Friction loss is dry
-friction. Contacts, limits and other equalities are left out, with a warning.
+An actuator with a state counts as one that has settled. Time is continuous: the error of MuJoCo's integrator
+is not part of the simulator. Friction loss is dry friction. Contacts, limits and equalities other than those
+by which joints follow the chosen ones are left out, with a warning.
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedModel, project_fields
-from lagsplat.diagnose.simulators.sysid_parameters import apply_sysid_parameters
-from lagsplat.diagnose.simulators.urdf_model import load_urdf
+from lagsplat.io.mujoco.model import URDF, MujocoSelection
+from lagsplat.io.mujoco.package import require_mujoco
+from lagsplat.io.mujoco.urdf_spec import load_urdf
 
-URDF = ".urdf"
-
-
-@dataclass(frozen=True)
-class Follower:
-    """A joint that equalities tie to the coordinates ``q``: its position is ``offset + ratios @ q``."""
-
-    at_q: int  # its position in `qpos`
-    at_v: int  # its position in `qvel`
-    offset: float
-    ratios: np.ndarray  # (d,)
-
-
-@dataclass(frozen=True)
-class MujocoSelection:
-    """A compiled model with its data, and the joints and actuators that serve as coordinates and inputs."""
-
-    model: Any
-    data: Any
-    joints: tuple[str, ...]
-    actuators: tuple[str, ...]
-    at_q: np.ndarray  # positions of the coordinates in `qpos`
-    at_v: np.ndarray  # positions of the coordinates in `qvel`
-    at_u: np.ndarray  # positions of the inputs in `ctrl`
-    followers: tuple[Follower, ...] = ()
-
-    @property
-    def jacobian(self) -> np.ndarray:
-        """Rates of all of the model's degrees of freedom over those of the coordinates, (nv, d)."""
-        rates = np.zeros((self.model.nv, len(self.at_v)))
-        rates[self.at_v, np.arange(len(self.at_v))] = 1.0
-        for follower in self.followers:
-            rates[follower.at_v] = follower.ratios
-        return rates
-
-    def set_positions(self, q: np.ndarray) -> None:
-        """Put the coordinates ``q`` (d,), and what follows them, into the data."""
-        self.data.qpos[self.at_q] = q
-        for follower in self.followers:
-            self.data.qpos[follower.at_q] = follower.offset + follower.ratios @ q
-
-
-def require_mujoco() -> Any:
-    """The module ``mujoco``, which is an optional dependency.
-
-    Raises:
-        ValueError: it is not installed.
-    """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ValueError(
-            "a MuJoCo model needs the package mujoco; install it with: pip install 'lagsplat[mujoco]'"
-        ) from error
-    return mujoco
-
-
-def load_spec(path: Path, parameters: str | None = None) -> Any:
-    """The MuJoCo specification of a model file or a URDF, not compiled.
-
-    ``parameters`` is a file of `mujoco.sysid` whose values replace the model's own.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: MuJoCo cannot read it or is not installed, or a parameter is none of the model.
-    """
-    mujoco = require_mujoco()
-    if path.suffix.lower() == URDF:
-        spec, _ = load_urdf(path, mujoco)
-    elif not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; check the path")
-    else:
-        try:
-            spec = mujoco.MjSpec.from_file(str(path))
-        except ValueError as error:
-            raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
-    if parameters is not None:
-        apply_sysid_parameters(path, spec, Path(parameters).expanduser(), mujoco=mujoco)
-    return spec
+TRANSLATED = "URDF as MuJoCo reads it"  # name of the findings
 
 
 def check_urdf(path: Path) -> tuple[Finding, ...]:
     """What MuJoCo loses of a URDF, and adds to it; nothing of other files.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_spec`.
+        FileNotFoundError, ValueError: as `load_urdf`.
     """
-    return load_urdf(path, require_mujoco())[1] if path.suffix.lower() == URDF else ()
+    remarks = load_urdf(path)[1] if path.suffix.lower() == URDF else ()
+    return tuple(Finding(x.level, TRANSLATED, path.name, x.what, x.why, x.remedy) for x in remarks)
 
 
-def load_mujoco(
-    path: Path,
-    *,
-    joints: Sequence[str] | None = None,
-    actuators: Sequence[str] | None = None,
-    parameters: str | None = None,
-) -> MujocoSelection:
-    """Load a model file with its joints and actuators, by default all hinges, slides and actuators in order.
-
-    Joints that follow others by a linear equality are coordinates only where they are named. ``parameters``
-    is as of `load_spec`.
+def project_mujoco(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> ProjectedModel:
+    """The model of the joints and actuators chosen in a MuJoCo file, with a warning of what it leaves out.
 
     Raises:
-        FileNotFoundError: no such file.
-        ValueError: MuJoCo cannot read it or is not installed, a name is not in it, a joint is free or a ball,
-        or no joint is left.
+        ValueError: another number of joints or actuators than the recording has columns, or as
+            `project_fields`.
     """
-    mujoco = require_mujoco()
-    spec = load_spec(path, parameters)
-    try:
-        model = spec.compile()
-    except ValueError as error:
-        raise ValueError(f"{path}: MuJoCo cannot read it ({error})") from error
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    tied = _find_ties(model)
-    straight = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    joint_names = [model.joint(i).name for i in range(model.njnt)]
-    actuator_names = [model.actuator(i).name for i in range(model.nu)]
-    index = _find_indices(path, "joint", joints, joint_names)
-    if joints is None:
-        index = [i for i in index if model.jnt_type[i] in straight and i not in tied]
-    for i in index:
-        if model.jnt_type[i] not in straight:
-            raise ValueError(
-                f"{path}: joint {joint_names[i]!r} is a ball or free; only hinges and slides serve"
-            )
-    if not index:
-        raise ValueError(f"{path}: has no hinge and no slide; nothing to diagnose")
-    driven = _find_indices(path, "actuator", actuators, actuator_names)
-    return MujocoSelection(
-        model,
-        data,
-        tuple(joint_names[i] or f"joint {i}" for i in index),
-        tuple(actuator_names[i] or f"actuator {i}" for i in driven),
-        model.jnt_qposadr[index],
-        model.jnt_dofadr[index],
-        np.array(driven, dtype=np.int64),
-        _find_followers(model, data, index, tied),
-    )
-
-
-def _find_ties(model: Any) -> dict[int, tuple[int, float, float]]:
-    """Joints that an active linear equality ties: the other joint or -1, the offset, and the ratio."""
-    kinds, ties = require_mujoco(), {}
-    for i in range(model.neq):
-        is_joint = model.eq_type[i] == int(kinds.mjtEq.mjEQ_JOINT)
-        constant, slope, *bends = model.eq_data[i][:5]
-        if not is_joint or not model.eq_active0[i] or np.any(bends):
-            continue
-        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
-        offset = model.qpos0[model.jnt_qposadr[first]] + constant
-        if second >= 0:
-            offset -= slope * model.qpos0[model.jnt_qposadr[second]]
-        ties[first] = (second, float(offset), float(slope))
-    return ties
-
-
-def _find_followers(
-    model: Any, data: Any, index: Sequence[int], ties: Mapping[int, tuple[int, float, float]]
-) -> tuple[Follower, ...]:
-    """The joints that are tied to the chosen ones, directly or through other tied joints."""
-    one = np.eye(len(index))
-    known = {joint: (0.0, one[n]) for n, joint in enumerate(index)}
-    left = {joint: tie for joint, tie in ties.items() if joint not in known}
-    while ready := [joint for joint, tie in left.items() if tie[0] not in left]:
-        for joint in ready:
-            leader, offset, ratio = left.pop(joint)
-            at_rest = (float(data.qpos[model.jnt_qposadr[leader]]) if leader >= 0 else 0.0, 0.0 * one[0])
-            base, ratios = known.get(leader, at_rest)
-            known[joint] = (offset + ratio * base, ratio * ratios)
-    tied = [joint for joint in known if joint not in index]
-    at_q, at_v = model.jnt_qposadr, model.jnt_dofadr
-    return tuple(Follower(int(at_q[each]), int(at_v[each]), *known[each]) for each in tied)
-
-
-def project_mujoco(
-    path: Path,
-    region: OperatingRegion,
-    *,
-    joints: Sequence[str] | None = None,
-    actuators: Sequence[str] | None = None,
-    parameters: str | None = None,
-) -> ProjectedModel:
-    """The model of a MuJoCo file over a region, with a warning of what it leaves out.
-
-    ``joints`` are the coordinates (default: all hinges and slides), ``actuators`` the inputs (default: all),
-    ``parameters`` is as of `load_spec`.
-
-    Raises:
-        FileNotFoundError: no such file.
-        ValueError: as `load_mujoco`, or another number of joints or actuators than the recording has columns.
-    """
-    chosen = load_mujoco(path, joints=joints, actuators=actuators, parameters=parameters)
     counted = (("joints", chosen.joints, region.d, "q"), ("actuators", chosen.actuators, region.n_u, "u"))
     for what, names, n, letter in counted:
         if len(names) != n:
@@ -233,15 +56,10 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
     d, n_u = rates.shape[1], len(chosen.at_u)
     dry = np.abs(rates).T @ model.dof_frictionloss
     filters = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-    no_speed, no_input = np.zeros(d), np.zeros(n_u)
-
-    def set_state(q: np.ndarray, v: np.ndarray = no_speed, u: np.ndarray = no_input) -> None:
-        chosen.set_positions(q)
-        data.qvel[:] = rates @ v
-        data.ctrl[:] = 0.0
-        data.ctrl[chosen.at_u] = u
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
+    limited = model.actuator_ctrllimited[chosen.at_u, None].astype(bool)
+    low, high = np.where(limited, model.actuator_ctrlrange[chosen.at_u], [-1.0, 1.0]).T
+    # by a command within its range, at most 1, the gain of each actuator is measured
+    commands = np.diag(np.where(high > 0.0, np.minimum(high, 1.0), np.maximum(low, -1.0)))
 
     def actuation() -> np.ndarray:
         """Force of actuators that have settled at their command."""
@@ -252,95 +70,48 @@ def make_mujoco_fields(chosen: MujocoSelection) -> FieldFunctions:
         return rates.T @ data.qfrc_actuator
 
     def mass(q: np.ndarray) -> np.ndarray:
-        masses, full = np.empty((len(q), d, d)), np.zeros((model.nv, model.nv))
-        for n, point in enumerate(q):
-            set_state(point)
-            mujoco.mj_fullM(model, data, full)
-            masses[n] = rates.T @ full @ rates
-        return masses
+        chosen.set_state(q)
+        return rates.T @ chosen.measure_mass() @ rates
 
     def potential_gradient(q: np.ndarray) -> np.ndarray:
-        gradients = np.empty_like(q)
-        for n, point in enumerate(q):
-            set_state(point)
-            gradients[n] = rates.T @ (data.qfrc_bias - data.qfrc_passive) - actuation()
-        return gradients
+        chosen.set_state(q)
+        return rates.T @ (data.qfrc_bias - data.qfrc_passive) - actuation()
 
     def dissipation(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        forces = np.empty_like(q)
-        for n, (point, velocity) in enumerate(zip(q, v, strict=True)):
-            set_state(point)
-            still = rates.T @ data.qfrc_passive + actuation()
-            set_state(point, velocity)
-            forces[n] = still - rates.T @ data.qfrc_passive - actuation() + dry * np.sign(velocity)
-        return forces
+        chosen.set_state(q)
+        still = rates.T @ data.qfrc_passive + actuation()
+        chosen.set_state(q, v)
+        return still - rates.T @ data.qfrc_passive - actuation() + dry * np.sign(v)
 
     def input_map(q: np.ndarray) -> np.ndarray:
-        forces = np.empty((len(q), n_u, d))
-        for n, point in enumerate(q):
-            set_state(point)
-            unloaded = actuation()
-            for c, size in enumerate(_list_test_commands(model, chosen.at_u)):
-                set_state(point, u=size * np.eye(n_u)[c])
-                forces[n, c] = (actuation() - unloaded) / size
+        chosen.set_state(q)
+        unloaded, forces = actuation(), np.empty((n_u, d))
+        for c, u in enumerate(commands):
+            chosen.set_state(q, u=u)
+            forces[c] = (actuation() - unloaded) / u[c]
         return forces
 
-    return FieldFunctions(mass, potential_gradient, input_map, dissipation)
+    given = (mass, potential_gradient, input_map, dissipation)
+    return FieldFunctions(*(_take_many(function) for function in given))
 
 
-def find_position_targets(chosen: MujocoSelection) -> list[tuple[int, int]]:
-    """Numbers of the inputs that are position targets of a chosen joint, each with the joint's number.
-
-    Such an actuator pulls its joint with ``kp (target - position)``; one with a gear is none.
-    """
-    model, kinds, found = chosen.model, require_mujoco(), []
-    for channel, i in enumerate(chosen.at_u):
-        at_joint = (
-            model.actuator_trntype[i] == int(kinds.mjtTrn.mjTRN_JOINT) and model.actuator_gear[i, 0] == 1.0
-        )
-        affine = model.actuator_biastype[i] == int(kinds.mjtBias.mjBIAS_AFFINE)
-        gain = model.actuator_gainprm[i, 0]
-        if not (at_joint and affine and gain > 0.0 and model.actuator_biasprm[i, 1] == -gain):
-            continue
-        at = np.flatnonzero(chosen.at_v == model.jnt_dofadr[model.actuator_trnid[i, 0]])
-        found += [(channel, int(coordinate)) for coordinate in at]
-    return found
-
-
-def _list_test_commands(model: Any, index: np.ndarray) -> list[float]:
-    """A command within each actuator's range, at most 1, by which its gain is measured."""
-    commands = []
-    for i in index:
-        low, high = model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (-1.0, 1.0)
-        commands.append(float(min(1.0, high) if high > 0.0 else max(-1.0, low)))
-    return commands
-
-
-def _find_indices(path: Path, what: str, wanted: Sequence[str] | None, names: list[str]) -> list[int]:
-    """The places of the ``wanted`` names, by default of all."""
-    if wanted is None:
-        return list(range(len(names)))
-    for name in wanted:
-        if name not in names:
-            raise ValueError(f"{path}: no {what} {name!r}, only {names}")
-    if len(set(wanted)) != len(wanted):
-        raise ValueError(f"{path}: {what}s {list(wanted)} name one twice")
-    return [names.index(name) for name in wanted]
+def _take_many(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    """The same function for many points, one row each."""
+    return lambda *points: np.array([function(*point) for point in zip(*points, strict=True)])
 
 
 def warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegion) -> None:
     """Warn of what the model has beyond mass, forces and inputs."""
     model, mujoco, omitted = chosen.model, require_mujoco(), []
-    for n, name in enumerate(chosen.joints):
-        joint = int(np.flatnonzero(model.jnt_dofadr == chosen.at_v[n])[0])
-        low, high = model.jnt_range[joint]
-        if model.jnt_limited[joint] and not _is_within(region.q[:, n], low, high):
+    for i, name, values in zip(model.dof_jntid[chosen.at_v], chosen.joints, region.q.T, strict=True):
+        low, high = model.jnt_range[i]
+        if model.jnt_limited[i] and not _is_within(values, low, high):
             omitted.append(
                 f"the range {low:g} to {high:g} of joint {name!r}, beyond which the recording goes"
             )
-    for n, (i, name) in enumerate(zip(chosen.at_u, chosen.actuators, strict=True)):
+    for i, name, values in zip(chosen.at_u, chosen.actuators, region.u.T, strict=True):
         low, high = model.actuator_ctrlrange[i]
-        if model.actuator_ctrllimited[i] and not _is_within(region.u[:, n], low, high):
+        if model.actuator_ctrllimited[i] and not _is_within(values, low, high):
             omitted.append(f"the range {low:g} to {high:g} of actuator {name!r}")
         if model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
             omitted.append(f"the state of actuator {name!r}, which counts as settled")
@@ -349,11 +120,9 @@ def warn_of_omissions(path: Path, chosen: MujocoSelection, region: OperatingRegi
     left_out = model.neq - len(chosen.followers)
     if left_out:
         omitted.append(f"{left_out} equality constraint(s)")
-    data = chosen.data
     for point in region.q[:: max(1, len(region.q) // 50)]:  # 50 points, because contacts are slow to find
         chosen.set_positions(point)
-        mujoco.mj_fwdPosition(model, data)
-        if data.ncon:
+        if chosen.data.ncon:
             omitted.append("contacts between bodies")
             break
     if omitted:

@@ -8,7 +8,7 @@ by orders of magnitude, a small error of a large force would be a large accelera
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -65,6 +65,19 @@ class ProjectedModel:
     known_region: KnownRegion | None = None  # in which the simulator was fitted, if it was
 
 
+@dataclass(frozen=True)
+class ForceColumns:
+    """Forces at points of a region by a unit of each coefficient of the fields, where these accelerate so."""
+
+    basis: Basis
+    region: OperatingRegion
+    acceleration: Float64[np.ndarray, "N d"]
+    mass: np.ndarray  # ``M a + c`` (N, d, K, P): by function and symmetric matrix
+    potential: np.ndarray  # (N, d, K - 1): by function, without the constant
+    damping: np.ndarray  # (N, d, K, P): by function and symmetric matrix
+    input_map: np.ndarray  # (N, d, K, d): by function and coordinate, of an input of 1
+
+
 def project_fields(
     mechanics: FieldFunctions, region: OperatingRegion, *, what: str, max_degree: int | None = None
 ) -> ProjectedModel:
@@ -76,25 +89,28 @@ def project_fields(
         ValueError: a field is not finite in the region, or the mass matrix is not positive there.
     """
     samples = _evaluate_fields(mechanics, region, what)
-
-    def project(basis: Basis) -> ProjectedModel:
-        model = fit_fields(samples, basis)
-        return ProjectedModel(model, compute_acceleration_error(model, region, samples.acceleration))
-
-    max_degree = MAX_DEGREE.get(region.d, 3) if max_degree is None else max_degree
-    return choose_projection(project, region, max_degree=max_degree, what=what)
+    degree = MAX_DEGREE.get(region.d, 3) if max_degree is None else max_degree
+    return choose_projection(
+        partial(_fit_fields, samples), region, samples.acceleration, max_degree=degree, what=what
+    )
 
 
 def choose_projection(
-    project: Callable[[Basis], ProjectedModel], region: OperatingRegion, *, max_degree: int, what: str
+    fit: Callable[[ForceColumns], MechanicalModel],
+    region: OperatingRegion,
+    acceleration: Float64[np.ndarray, "N d"],
+    *,
+    max_degree: int,
+    what: str,
 ) -> ProjectedModel:
-    """The smallest projection that is accurate enough, of those in all candidate bases, with its rest.
+    """The smallest projection that is accurate enough, of those that ``fit`` gives in all candidate bases.
 
-    A warning tells if it is inaccurate.
+    It has its rest. A warning tells if its acceleration in the region is not the given one.
     """
     candidates = []
     for basis in reversed(build_candidate_bases(region.q, degree=max_degree)):
-        candidates.append(project(basis))
+        model = fit(build_force_columns(basis, region, acceleration))
+        candidates.append(ProjectedModel(model, compute_acceleration_error(model, region, acceleration)))
         if candidates[-1].error < EXACT_ERROR:
             break
     best = min(candidates, key=_rank)
@@ -142,8 +158,9 @@ class FieldSamples:
         return np.linalg.inv(self.mass) / measure_size(self.acceleration)[:, None]
 
     def share(self, forces: np.ndarray) -> np.ndarray:
-        """Relative accelerations by columns of forces (N, d, k)."""
-        return np.einsum("nij,njk->nik", self.weight, forces, optimize=True)
+        """Relative accelerations (N, d, k) by columns of forces (N, d, ...)."""
+        columns = forces.reshape(*self.acceleration.shape, -1)
+        return np.einsum("nij,njk->nik", self.weight, columns, optimize=True)
 
 
 def measure_size(acceleration: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, " d"]:
@@ -163,13 +180,7 @@ def _evaluate_fields(mechanics: FieldFunctions, region: OperatingRegion, what: s
         mechanics.dissipation(q, v),
     )
     for name in ("mass", "coriolis", "potential_gradient", "input_map", "dissipation"):
-        bad = ~np.isfinite(getattr(samples, name)).reshape(len(q), -1).all(axis=1)
-        if bad.any():
-            at = np.array2string(q[np.argmax(bad)], precision=4)
-            raise ValueError(
-                f"{what}: {name} is not finite at q = {at}, which the recording comes near; check units and "
-                "the range in which the sim is defined"
-            )
+        require_finite(getattr(samples, name), region, f"{what}: {name}")
     lowest = np.linalg.eigvalsh(samples.mass)[:, 0]
     if lowest.min() <= 0.0:
         at = np.array2string(q[np.argmin(lowest)], precision=4)
@@ -180,48 +191,58 @@ def _evaluate_fields(mechanics: FieldFunctions, region: OperatingRegion, what: s
     return samples
 
 
-def fit_fields(samples: FieldSamples, basis: Basis) -> MechanicalModel:
+def require_finite(values: np.ndarray, region: OperatingRegion, what: str) -> None:
+    """Check the values (N, ...) that a simulator gives at the points of a region.
+
+    Raises:
+        ValueError: a value is not finite; the message names ``what`` it is of, and where.
+    """
+    bad = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    if bad.any():
+        n = int(np.argmax(bad))
+        at = ", ".join(f"{k} = {np.array2string(getattr(region, k)[n], precision=4)}" for k in "qvu")
+        raise ValueError(
+            f"{what} is not finite at {at}, which the recording comes near; check units and the range in "
+            "which the sim is defined"
+        )
+
+
+def _fit_fields(samples: FieldSamples, columns: ForceColumns) -> MechanicalModel:
     """Fit every field with the smallest number of functions that is accurate enough."""
-    d, region = samples.region.d, samples.region
-    sizes = list_field_sizes(basis)
-    phi, slopes = basis.values(region.q), basis.slopes(region.q)
-    pairs, alone = d * (d + 1) // 2, np.ones((len(phi), 1))
-    inertia = np.einsum("nij,nj->ni", samples.mass, samples.acceleration) + samples.coriolis
-    columns = samples.share(build_inertial_columns(phi, slopes, region.v, samples.acceleration))
-    wanted = samples.share(inertia[..., None])
-    mass = sum_symmetric(_fit_smallest(columns, wanted, alone, [k * pairs for k in sizes]), d)
-    gradients = samples.share(slopes[:, 1:].transpose(0, 2, 1))
-    wanted = samples.share(samples.potential_gradient[..., None])
-    potential = np.append(0.0, _fit_smallest(gradients, wanted, alone, [k - 1 for k in sizes[2:]]))
+    d, region, sizes = columns.region.d, columns.region, list_field_sizes(columns.basis)
+    fit = partial(_fit_smallest, samples)
+    inertial = np.einsum("nij,nj->ni", samples.mass, samples.acceleration) + samples.coriolis
+    mass = sum_symmetric(fit(columns.mass, inertial, sizes), d)
+    slopes = fit(columns.potential, samples.potential_gradient, [k - 1 for k in sizes[2:]])
+    potential = np.append(0.0, slopes)
     input_map = np.zeros((0, region.n_u, d))
     if region.n_u:
-        along = samples.share(np.einsum("nk,ij->nikj", phi, np.eye(d)).reshape(len(phi), d, -1))
-        wanted = samples.share(samples.input_map.transpose(0, 2, 1))
-        gains = _fit_smallest(along, wanted, region.u, [k * d for k in sizes])
+        gains = fit(columns.input_map, samples.input_map.transpose(0, 2, 1), sizes, region.u)
         input_map = gains.reshape(-1, d, region.n_u).transpose(0, 2, 1)
-    damping, dry, drag, width = _fit_dissipation(samples, phi, sizes)
+    damping, dry, drag, width = _fit_dissipation(samples, columns.damping, sizes)
     # the motion leaves the scale of all fields open: inertia is counted in units of its mean
     unit = float(np.trace(mass[0])) / d
     unit = unit if unit > 0.0 else float(np.mean(np.trace(samples.mass, axis1=1, axis2=2))) / d
     mass, damping, potential = mass / unit, damping / unit, potential / unit
     input_map, dry, drag = input_map / unit, dry / unit, drag / unit
     rest = np.median(region.q, axis=0)
-    return MechanicalModel(basis, mass, damping, potential, input_map, dry, drag, width, rest)
+    return MechanicalModel(columns.basis, mass, damping, potential, input_map, dry, drag, width, rest)
 
 
-def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -> tuple[np.ndarray, ...]:
+def _fit_dissipation(
+    samples: FieldSamples, damping_columns: np.ndarray, sizes: list[int]
+) -> tuple[np.ndarray, ...]:
     """Damping, dry friction, drag and friction width: the smallest set that is accurate enough."""
     v, d, speed = samples.region.v, samples.region.d, np.maximum(samples.region.speed, 1e-12)
-    pairs = make_symmetric_basis(d)
-    viscous = samples.share(np.einsum("nk,pij,nj->nikp", phi, pairs, v).reshape(len(v), d, -1))
-    wanted = samples.share(samples.dissipation[..., None])
-    options: list[tuple[np.ndarray | None, bool, np.ndarray]] = []
-    for drag in (False, True):
-        for width in (None, *(width * speed for width in PROJECTION.friction_widths)):
-            options.append((width, drag, samples.share(build_friction_columns(v, width, drag))))
+    viscous, wanted = samples.share(damping_columns), samples.share(samples.dissipation)
+    options = [
+        (width, drag, samples.share(build_friction_columns(v, width, drag)))
+        for drag in (False, True)
+        for width in (None, *(width * speed for width in PROJECTION.friction_widths))
+    ]
     lowest = np.inf
     for size, (width, drag, friction) in product(sizes, options):
-        n = size * len(pairs)
+        n = size * d * (d + 1) // 2
         columns = np.concatenate([viscous[:, :, :n], friction], axis=2)
         x = _solve_least_squares(columns, wanted)
         error = _measure_error((columns @ x - wanted)[..., 0])
@@ -238,19 +259,24 @@ def _fit_dissipation(samples: FieldSamples, phi: np.ndarray, sizes: list[int]) -
 
 
 def _fit_smallest(
-    columns: Float64[np.ndarray, "N d K"],
-    wanted: Float64[np.ndarray, "N d r"],
-    amounts: Float64[np.ndarray, "N r"],
+    samples: FieldSamples,
+    forces: np.ndarray,
+    wanted: np.ndarray,
     sizes: list[int],
+    amounts: Float64[np.ndarray, "N r"] | None = None,
 ) -> Float64[np.ndarray, "k r"]:
-    """The coefficients of the fewest ``columns`` whose error is a tenth of the tolerance, or the best.
+    """The coefficients of the fewest functions whose error is a tenth of the tolerance, or the best.
 
-    ``amounts`` say how much of each of what is ``wanted`` acts at a point.
+    ``forces`` (N, d, K, ...) are by function, ``wanted`` (N, d, r) what they should be, ``sizes`` numbers of
+    functions, and ``amounts`` how much of each of the r acts at a point, by default 1.
     """
+    columns, wanted = samples.share(forces), samples.share(wanted)
     best, lowest = np.zeros((0, wanted.shape[2])), np.inf
     for size in sizes:
-        x = _solve_least_squares(columns[:, :, :size], wanted)
-        error = _measure_error(np.einsum("nir,nr->ni", columns[:, :, :size] @ x - wanted, amounts))
+        first = columns[:, :, : size * columns.shape[2] // forces.shape[2]]
+        x = _solve_least_squares(first, wanted)
+        wrong = first @ x - wanted
+        error = _measure_error(wrong[..., 0] if amounts is None else np.einsum("nir,nr->ni", wrong, amounts))
         if error < 0.9 * lowest:  # more functions must gain a tenth at least
             best, lowest = x, error
         if error < 0.1 * PROJECTION.tolerance:
@@ -269,16 +295,25 @@ def _solve_least_squares(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return lstsq(flat, right.reshape(len(flat), -1), cond=1e-12, lapack_driver="gelsy")[0]
 
 
-def build_inertial_columns(
-    phi: np.ndarray, slopes: np.ndarray, v: np.ndarray, a: np.ndarray
-) -> Float64[np.ndarray, "N d K"]:
-    """Columns of ``M a + c``, one for each product of a function and a symmetric matrix."""
-    pairs = make_symmetric_basis(v.shape[1])
-    matrix_a, matrix_v = (np.einsum("pij,nj->npi", pairs, x) for x in (a, v))
+def build_force_columns(
+    basis: Basis, region: OperatingRegion, acceleration: Float64[np.ndarray, "N d"]
+) -> ForceColumns:
+    """The forces of all functions of a basis."""
+    phi, slopes, v = basis.values(region.q), basis.slopes(region.q), region.v
+    pairs = make_symmetric_basis(region.d)
+    matrix_a, matrix_v = (np.einsum("pij,nj->npi", pairs, x) for x in (acceleration, v))
     rate = np.einsum("nki,ni->nk", slopes, v)
-    columns = np.einsum("nk,npi->nikp", phi, matrix_a) + np.einsum("nk,npi->nikp", rate, matrix_v)
-    columns -= 0.5 * np.einsum("nki,np->nikp", slopes, np.einsum("npi,ni->np", matrix_v, v))
-    return columns.reshape(*v.shape, -1)
+    mass = np.einsum("nk,npi->nikp", phi, matrix_a) + np.einsum("nk,npi->nikp", rate, matrix_v)
+    mass -= 0.5 * np.einsum("nki,np->nikp", slopes, np.einsum("npi,ni->np", matrix_v, v))
+    return ForceColumns(
+        basis,
+        region,
+        acceleration,
+        mass,
+        slopes[:, 1:].transpose(0, 2, 1),
+        np.einsum("nk,pij,nj->nikp", phi, pairs, v),
+        np.einsum("nk,ij->nikj", phi, np.eye(region.d)),
+    )
 
 
 def build_friction_columns(v: Float64[np.ndarray, "N d"], width: np.ndarray | None, drag: bool) -> np.ndarray:

@@ -13,7 +13,6 @@ import inspect
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -108,95 +107,80 @@ def project_python(sim: Any, region: OperatingRegion, *, what: str) -> Projected
     return projected
 
 
-@dataclass
-class PointwiseFunction:
-    """A user's function of a single point or of many, of NumPy or of torch, called with many NumPy points."""
+def _adapt(
+    function: Callable[..., Any], shape: tuple[int, ...], what: str, *points: np.ndarray
+) -> Callable[..., np.ndarray]:
+    """A user's function of a single point or of many, of NumPy or of torch, as one of many NumPy points.
 
-    function: Callable[..., Any]
-    shape: tuple[int, ...]  # shape of the result at a single point
-    what: str  # the simulator's name in messages
-    name: str  # the function's name in messages
-    torch: bool = False  # whether it takes torch tensors
-    many: bool = False  # whether it takes many points at once
+    What it takes is found out at the first few of ``points``. ``shape`` is that of its result at a single
+    point, ``what`` names it in messages.
 
-    def probe(self, *points: np.ndarray) -> None:
-        """Find out from the first few of ``points`` what the function takes, and check its result's shape.
-
-        Raises:
-            ValueError: it fails, or returns something of another shape or type.
-        """
-        point = tuple(x[0] for x in points)
+    Raises:
+        ValueError: it fails, or returns something of another shape or type.
+    """
+    point, few = tuple(x[0] for x in points), tuple(x[:3] for x in points)
+    call = partial(_call_numpy, function)
+    try:
+        first = call(*point)
+    except (Exception, SystemExit) as plain:
+        call = partial(_call_torch, function)
         try:
-            first = self._evaluate(point)
-        except (Exception, SystemExit) as plain:
-            self.torch = True
-            try:
-                first = self._evaluate(point)
-            except (Exception, SystemExit) as error:
-                cause = plain if type(plain) is type(error) else error
-                at = ", ".join(np.array2string(x, precision=4) for x in point)
-                raise ValueError(
-                    f"{self.what}: {self.name} fails at {at} with {cause!r}, also with torch tensors"
-                ) from plain
-        if first.size != int(np.prod(self.shape)):
-            raise ValueError(
-                f"{self.what}: {self.name} has shape {first.shape} at one point, where {self.shape} is wanted"
-            )
-        few = tuple(x[:3] for x in points)
-        alone = self(*few)
-        try:
-            together = self._evaluate(few)
-            close = 1e-9 * float(np.abs(alone).max())
-            self.many = together.shape == alone.shape and bool(
-                np.allclose(together, alone, rtol=1e-6, atol=close, equal_nan=True)
-            )
-        except Exception:
-            self.many = False  # a function of a single point may raise anything when given many
+            first = call(*point)
+        except (Exception, SystemExit) as error:
+            cause = plain if type(plain) is type(error) else error
+            at = ", ".join(np.array2string(x, precision=4) for x in point)
+            raise ValueError(f"{what} fails at {at} with {cause!r}, also with torch tensors") from plain
+    if first.size != int(np.prod(shape)):
+        raise ValueError(f"{what} has shape {first.shape} at one point, where {shape} is wanted")
 
-    def __call__(self, *points: np.ndarray) -> np.ndarray:
-        """Values (N, ...) at points (N, ...)."""
-        if self.many:
-            return self._evaluate(points)
-        n = len(points[0])
-        values = [self._evaluate(tuple(x[i] for x in points)) for i in range(n)]
-        return np.stack(values).reshape(n, *self.shape)
+    def call_each(*many: np.ndarray) -> np.ndarray:
+        return np.stack([call(*each) for each in zip(*many, strict=True)]).reshape(-1, *shape)
 
-    def _evaluate(self, points: tuple[np.ndarray, ...]) -> np.ndarray:
-        if not self.torch:
-            return np.asarray(self.function(*points), dtype=np.float64)
-        import torch
-
-        value = self.function(*(torch.as_tensor(x, dtype=torch.float64) for x in points))
-        return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
+    alone = call_each(*few)
+    try:
+        together = call(*few)
+        close = 1e-9 * float(np.abs(alone).max())
+        same = together.shape == alone.shape
+        same = same and np.allclose(together, alone, rtol=1e-6, atol=close, equal_nan=True)
+    except Exception:
+        same = False  # a function of a single point may raise anything when given many
+    return call if same else call_each
 
 
-def _make_acceleration(sim: Callable[..., Any], region: OperatingRegion, what: str) -> PointwiseFunction:
+def _call_numpy(function: Callable[..., Any], *points: np.ndarray) -> np.ndarray:
+    return np.asarray(function(*points), dtype=np.float64)
+
+
+def _call_torch(function: Callable[..., Any], *points: np.ndarray) -> np.ndarray:
+    import torch
+
+    value = function(*(torch.as_tensor(x, dtype=torch.float64) for x in points))
+    return np.asarray(torch.as_tensor(value).detach().cpu().numpy(), dtype=np.float64)
+
+
+def _make_acceleration(sim: Callable[..., Any], region: OperatingRegion, what: str) -> Callable[..., Any]:
     takes = _count_arguments(sim)
     if takes not in (None, 2, 3):
         raise ValueError(f"{what}: takes {takes} arguments; (q, v, u) or (q, v) -> acceleration is needed")
     function = (lambda q, v, u: sim(q, v)) if takes == 2 else sim
-    acceleration = PointwiseFunction(function, (region.d,), what, "acceleration(q, v, u)")
-    acceleration.probe(region.q, region.v, region.u)
-    return acceleration
+    return _adapt(function, (region.d,), f"{what}: acceleration(q, v, u)", region.q, region.v, region.u)
 
 
 def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions:
     q, v, d, n_u = region.q, region.v, region.d, region.n_u
 
-    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> PointwiseFunction | None:
+    def field(name: str, shape: tuple[int, ...], *points: np.ndarray) -> Callable[..., np.ndarray] | None:
         if not hasattr(sim, name):
             return None
         given = getattr(sim, name)
-        function = PointwiseFunction(given if callable(given) else lambda *at: given, shape, what, name)
-        function.probe(*points)
-        return function
+        function = given if callable(given) else lambda *at: given
+        return _adapt(function, shape, f"{what}: {name}", *points)
 
     mass, potential = field("mass", (d, d), q), field("potential", (), q)
     gradient = field("potential_gradient", (d,), q)
     damping, friction = field("damping", (d, d), q), field("friction", (d,), q, v)
     input_map = field("input_map", (n_u, d), q) if n_u else None
     assert mass is not None
-    slope: Callable[..., np.ndarray] | None = gradient
     if potential is not None:
         measured = partial(_differentiate, potential, motion=q)
         if gradient is not None:
@@ -207,11 +191,11 @@ def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions
                     f"{what}: potential_gradient(q) is not the gradient of potential(q), off by "
                     f"{100.0 * off:.2g} % of its largest value; check its sign and units"
                 )
-        slope = gradient or measured
-    if slope is None:
+        gradient = gradient or measured
+    if gradient is None:
         raise ValueError(f"{what}: has mass(q) but no potential; an object needs {EXPECTED_METHODS}")
     masses = mass(q)
-    asymmetry = float(np.abs(masses - masses.transpose(0, 2, 1)).max() / np.abs(masses).max())
+    asymmetry = float(np.abs(masses - masses.mT).max() / np.abs(masses).max())
     if asymmetry > 1e-6:
         raise ValueError(f"{what}: mass(q) is not symmetric (by {asymmetry:.2g} of its largest entry)")
     if n_u and input_map is None:
@@ -225,12 +209,8 @@ def _make_fields(sim: Any, region: OperatingRegion, what: str) -> FieldFunctions
         force = np.zeros_like(q) if damping is None else np.einsum("nij,nj->ni", damping(q), v)
         return force if friction is None else force + friction(q, v)
 
-    return FieldFunctions(
-        mass,
-        slope,
-        input_map or (lambda at: np.zeros((len(at), n_u, d))),
-        dissipation,
-    )
+    input_map = input_map or (lambda at: np.zeros((len(at), n_u, d)))
+    return FieldFunctions(mass, gradient, input_map, dissipation)
 
 
 def _differentiate(potential: Callable[..., np.ndarray], q: np.ndarray, *, motion: np.ndarray) -> np.ndarray:

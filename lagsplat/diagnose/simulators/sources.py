@@ -8,12 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.lerobot.dataset import is_lerobot
 from lagsplat.io.read import read_trajectory
-from lagsplat.io.recording.recording import Recording
 from lagsplat.io.robot_log.storage import is_log
 from lagsplat.io.robot_log.survey import has_images
 from lagsplat.io.robot_log.write import is_session
@@ -134,25 +131,6 @@ def _rename_by_place(motion: Trajectory, q_names: tuple[str, ...], u_names: tupl
     return replace(motion, q_names=q_names, u_names=u_names)
 
 
-def make_video_trajectory(recording: Recording, latents: np.ndarray, *, source: str) -> Trajectory:
-    """The trajectory of a video: its latents (T, d) at the times of its frames, with its inputs.
-
-    ``source`` is the file's name.
-
-    Raises:
-        ValueError: latents of another length.
-    """
-    if latents.ndim != 2 or len(latents) != recording.n_frames:
-        raise ValueError(f"{source}: latents of shape {latents.shape} for {recording.n_frames} frames")
-    return Trajectory(
-        time_s=recording.time_s,
-        q=latents,
-        u=recording.inputs,
-        segments=recording.segments,
-        source=Path(source).name,
-    )
-
-
 def _split_list(argument: str) -> list[str]:
     text = argument.strip()
     if not (text.startswith("[") and text.endswith("]")):
@@ -225,8 +203,8 @@ def _classify(path: Path) -> DataSource:
 
 def _find_inputs(path: Path) -> str | None:
     """The table of inputs beside a video."""
-    tables = [path.with_suffix(table) for table in TABLES if path.with_suffix(table).is_file()]
-    return str(tables[0]) if tables else None
+    tables = (path.with_suffix(table) for table in TABLES)
+    return next((str(table) for table in tables if table.is_file()), None)
 
 
 def _classify_log(path: Path) -> DataSource:

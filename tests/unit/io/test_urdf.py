@@ -33,12 +33,10 @@ def test_meshes_are_found_where_packages_keep_them(tmp_path: Path) -> None:
     for name, place in names.items():
         found = read(folder, MESH.format("collision", name))
         assert f'filename="{tmp_path / place}"' in found.text, name
-        assert found.lost_meshes == []
+        assert found.lost_meshes == ()
     for name in ("gone.stl", "http://host/a.stl", "package://other/gone.stl"):
         found = read(folder, MESH.format("collision", name), MESH.format("visual", name))
-        assert [(lost.link, lost.file, lost.why) for lost in found.lost_meshes] == [
-            ("base", name, "is not there")
-        ]
+        assert found.lost_meshes == (f"{name} of link base, which is not there",)
         assert "mesh" not in found.text
 
 

@@ -9,14 +9,14 @@ import pytest
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.effects.registry import catalogue
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco
-from lagsplat.diagnose.simulators.urdf_model import TRANSLATED
+from lagsplat.diagnose.simulators.mujoco_model import TRANSLATED
 from lagsplat.io.files.artifact import save_artifact
+from lagsplat.io.mujoco.model import load_mujoco
 from lagsplat.io.read import read_trajectory
 from lagsplat.pipelines.diagnosis import diagnose_files
 from lagsplat.pipelines.sysid_export import export_sysid
 from tests.unit.diagnose.arms import record_arm, write_log
-from tests.unit.diagnose.simulators.urdf_files import TWO, with_fault, write_mjcf, write_urdf
+from tests.unit.io.mujoco.urdf_files import TWO, with_fault, write_mjcf, write_urdf
 
 mujoco = pytest.importorskip("mujoco")
 sysid = pytest.importorskip("mujoco.sysid")

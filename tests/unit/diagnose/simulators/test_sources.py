@@ -10,7 +10,6 @@ from lagsplat.diagnose.simulators.sources import (
     DataSource,
     adopt_names,
     find_sources,
-    make_video_trajectory,
     prefer_numbers,
     read_sources,
 )
@@ -169,18 +168,6 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
         read_sources([DataSource("mujoco", "arm.xml")])
     with pytest.raises(ValueError, match="needs the encoder of a fitted run"):
         read_sources([DataSource("video", "bag.mp4")])
-
-
-def test_films_become_motions_with_their_inputs() -> None:
-    latents = np.arange(10.0)[:, None]
-    driven = film(
-        segments=((0, 4), (4, 10)), inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",)
-    )
-    motion = make_video_trajectory(driven, latents, source="films/arm.npz")
-    assert (motion.source, motion.segments, motion.u_names) == ("arm.npz", ((0, 4), (4, 10)), ("u0",))
-    np.testing.assert_array_equal(motion.q, latents)
-    with pytest.raises(ValueError, match="for 10 frames"):
-        make_video_trajectory(film(), latents[:4], source="bag.mp4")
 
 
 DATASET = Path(__file__).parents[2] / "io" / "lerobot" / "data" / "v30"

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.simulators.mujoco_model import check_urdf, load_mujoco, load_spec, make_mujoco_fields
-from tests.unit.diagnose.simulators.urdf_files import SIX, TWO, Link, write_mjcf, write_urdf
+from lagsplat.diagnose.simulators.mujoco_model import check_urdf, make_mujoco_fields
+from lagsplat.io.mujoco.model import load_mujoco, load_spec
+from tests.unit.io.mujoco.urdf_files import SIX, TWO, Link, write_mjcf, write_urdf
 
 mujoco = pytest.importorskip("mujoco")
 

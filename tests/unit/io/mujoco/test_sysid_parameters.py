@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.body_inertia import pack_inertia
-from lagsplat.diagnose.simulators.mujoco_model import load_mujoco, load_spec, make_mujoco_fields
-from lagsplat.diagnose.simulators.sysid_parameters import list_sysid_parameters
+from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields
 from lagsplat.io.files.sysid_parameters import read_sysid_parameters, write_sysid_parameters
-from tests.unit.diagnose.simulators.urdf_files import TWO, write_urdf
+from lagsplat.io.mujoco.body_inertia import pack_inertia
+from lagsplat.io.mujoco.model import load_mujoco, load_spec
+from lagsplat.io.mujoco.sysid_parameters import list_sysid_parameters
+from tests.unit.io.mujoco.urdf_files import TWO, write_urdf
 
 sysid = pytest.importorskip("mujoco.sysid")
 model_modifier = pytest.importorskip("mujoco.sysid").model_modifier
@@ -65,7 +66,7 @@ def test_an_inertia_of_the_toolbox_is_the_one_it_builds(model: Path, tmp_path: P
         spec = mujoco.MjSpec.from_file(str(model))
         one = sysid.body_inertia_param(spec.copy(), spec.copy().compile(), "fore", kind)
         if kind is sysid.InertiaType.Pseudo:
-            ours = pack_inertia(spec, "fore", mujoco=mujoco)
+            ours = pack_inertia(spec, "fore")
             np.testing.assert_allclose(ours, one.as_vector(), rtol=1e-9, atol=1e-12)
         one.update_from_vector(1.07 * one.as_vector())
         parameters = sysid.ParameterDict({one.name: one})
@@ -126,7 +127,7 @@ def test_what_two_models_differ_by_is_loaded_by_the_toolbox(model: Path, tmp_pat
     changed.body("upper").mass = 1.9
     changed.compile()
     (tmp_path / "patched.xml").write_text(changed.to_xml())
-    parameters, others = list_sysid_parameters(before, load_spec(tmp_path / "patched.xml"), mujoco=mujoco)
+    parameters, others = list_sysid_parameters(before, load_spec(tmp_path / "patched.xml"))
     write_sysid_parameters(tmp_path / "params_x_hat.yaml", parameters)
     loaded = sysid.ParameterDict.load_from_disk(tmp_path / "params_x_hat.yaml")
     assert sorted(loaded.keys()) == ["a_damping", "b_frictionloss", "m_gear", "upper_inertia"]
@@ -163,8 +164,6 @@ def test_links_of_a_urdf_that_are_fixed_to_one_another_are_one_body(tmp_path: Pa
     changed.body("L1").mass = 1.5
     changed.compile()
     (tmp_path / "patched.xml").write_text(changed.to_xml())
-    parameters, (other,) = list_sysid_parameters(
-        load_spec(arm), load_spec(tmp_path / "patched.xml"), mujoco=mujoco
-    )
+    parameters, (other,) = list_sysid_parameters(load_spec(arm), load_spec(tmp_path / "patched.xml"))
     assert parameters == ()
     assert other.startswith("L1_inertia (MuJoCo adds 0.2")

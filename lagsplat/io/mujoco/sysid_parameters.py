@@ -6,29 +6,29 @@ The name ``BODY_inertia`` is the toolbox's own, for a mass, a mass with its cent
 pseudo-inertia.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.simulators.body_inertia import pack_inertia, read_inertia, set_inertia
 from lagsplat.io.files.sysid_parameters import SysidParameter, read_sysid_parameters
+from lagsplat.io.mujoco.body_inertia import pack_inertia, read_inertia, set_inertia
+from lagsplat.io.mujoco.package import get_angle_unit
 
-OF_JOINT = ("damping", "frictionloss", "armature", "stiffness", "springref")
+SPRING_REFERENCE = "springref"  # a position of the joint, in degrees where the file is
+OF_JOINT = ("damping", "frictionloss", "armature", "stiffness", SPRING_REFERENCE)
 OF_ACTUATOR = ("gear", "gain", "pgain", "dgain", "pdgain")
 OF_BODY = ("mass", "inertia")
-SIGNED = ("springref", "gear", "gain")  # attributes that may be negative
-ANGLES = ("springref",)  # in degrees where the file is
+SIGNED = (SPRING_REFERENCE, "gear", "gain")  # attributes that may be negative
 WORLD = "world"
 ROUNDING = 1e-5  # relative: MuJoCo writes six digits
 BOUND = 10.0  # bounds over the larger of two values, as the toolbox has them for masses
 
 
-def apply_sysid_parameters(path: Path, spec: Any, file: Path, *, mujoco: Any) -> None:
+def apply_sysid_parameters(path: Path, spec: Any, file: Path) -> None:
     """Put the values in ``file`` into the specification of the model at ``path``; frozen ones stay out.
-
-    ``mujoco`` is the module.
 
     Raises:
         FileNotFoundError: there is no ``file``.
@@ -46,9 +46,8 @@ def apply_sysid_parameters(path: Path, spec: Any, file: Path, *, mujoco: Any) ->
                 f"ELEMENT_ATTRIBUTE, with {of_each} and {', '.join(OF_BODY)} of a body; or give the "
                 "identified model, which save_results of the toolbox writes, as sim="
             )
-        element, attribute = places[0]
         try:
-            _set(spec, element, attribute, parameter.value.reshape(-1), mujoco)
+            _set(spec, *places[0], parameter.value.reshape(-1))
         except (ValueError, TypeError) as error:
             value = parameter.value.tolist()
             raise ValueError(
@@ -57,23 +56,28 @@ def apply_sysid_parameters(path: Path, spec: Any, file: Path, *, mujoco: Any) ->
 
 
 def _find_places(spec: Any, name: str) -> Iterator[tuple[Any, str]]:
+    """The elements, with their attributes, that the name of a parameter stands for."""
     groups = ((spec.joints, OF_JOINT), (spec.actuators, OF_ACTUATOR), (spec.bodies, OF_BODY))
     for elements, attributes in groups:
-        for element in elements:
-            for attribute in attributes:
-                if element.name and name == f"{element.name}_{attribute}":
-                    yield element, attribute
+        for element, attribute in product(elements, attributes):
+            if element.name and name == f"{element.name}_{attribute}":
+                yield element, attribute
 
 
-def _set(spec: Any, element: Any, attribute: str, value: np.ndarray, mujoco: Any) -> None:
+def _get(element: Any, attribute: str) -> np.ndarray:
+    value = element.gainprm[0] if attribute == "gain" else getattr(element, attribute)
+    return np.array(value, dtype=np.float64)
+
+
+def _set(spec: Any, element: Any, attribute: str, value: np.ndarray) -> None:
     if attribute in OF_BODY:
-        set_inertia(spec, element.name, value if attribute == "inertia" else value[:1], mujoco=mujoco)
+        set_inertia(spec, element.name, value if attribute == "inertia" else value[:1])
     elif attribute in ("pgain", "dgain", "pdgain"):
         _set_servo_gains(element, attribute, value)
     elif attribute == "gain":
         element.gainprm[0] = value[0]
     else:
-        present = np.array(getattr(element, attribute), dtype=np.float64)
+        present = _get(element, attribute)
         if value.size > present.size:
             raise ValueError(f"{attribute} has {present.size} number(s), not {value.size}")
         if present.ndim:
@@ -91,9 +95,7 @@ def _set_servo_gains(actuator: Any, attribute: str, value: np.ndarray) -> None:
         actuator.biasprm[2] = -value[-1]
 
 
-def list_sysid_parameters(
-    before: Any, after: Any, *, mujoco: Any
-) -> tuple[tuple[SysidParameter, ...], tuple[str, ...]]:
+def list_sysid_parameters(before: Any, after: Any) -> tuple[tuple[SysidParameter, ...], tuple[str, ...]]:
     """The parameters in which two specifications of one model differ, and what else differs, for people.
 
     The first is the nominal value, the second the value. Bounds reach ten times as far as the larger.
@@ -101,28 +103,22 @@ def list_sysid_parameters(
     found: list[SysidParameter] = []
     for elements, others, attributes in (
         (before.joints, after.joints, OF_JOINT),
-        (before.actuators, after.actuators, ("gear",)),
+        (before.actuators, after.actuators, ("gear", "gain")),
     ):
         named = {element.name: element for element in others}
-        for element in elements:
-            for attribute in attributes if element.name in named else ():
-                other = named[element.name]
-                values = [
-                    np.atleast_1d(np.array(getattr(each, attribute), dtype=np.float64))
-                    for each in (element, other)
-                ]
-                if attribute in ANGLES and element.type == mujoco.mjtJoint.mjJNT_HINGE:
-                    values[1] = values[1] * _angle_unit(after) / _angle_unit(before)
-                found += _difference(f"{element.name}_{attribute}", attribute, values)
-        for element in elements if attributes == ("gear",) else ():
-            values = [np.array([each.gainprm[0]]) for each in (element, named.get(element.name, element))]
-            found += _difference(f"{element.name}_gain", "gain", values)
-    found += _inertias(before, after, mujoco)
+        for element, attribute in product(elements, attributes):
+            if element.name not in named:
+                continue
+            nominal, value = (np.atleast_1d(_get(x, attribute)) for x in (element, named[element.name]))
+            if attribute == SPRING_REFERENCE:
+                value = value * get_angle_unit(after, element) / get_angle_unit(before, element)
+            found += _difference(f"{element.name}_{attribute}", attribute, nominal, value)
+    found += _inertias(before, after)
     trial, kept, others = before.copy(), [], []
     for parameter in found:
-        ((element, attribute),) = _find_places(trial, parameter.name)
+        (place,) = _find_places(trial, parameter.name)
         try:
-            _set(trial, element, attribute, parameter.value, mujoco)
+            _set(trial, *place, parameter.value)
         except ValueError as error:
             others.append(f"{parameter.name} ({error})")
         else:
@@ -130,37 +126,29 @@ def list_sysid_parameters(
     return tuple(kept), (*others, *_left_over(trial, after))
 
 
-def _angle_unit(spec: Any) -> float:
-    """Unit of the angles of a specification [rad]."""
-    return np.pi / 180.0 if spec.compiler.degree else 1.0
-
-
-def _difference(name: str, attribute: str, values: Sequence[np.ndarray]) -> list[SysidParameter]:
-    nominal, value = values
+def _difference(name: str, attribute: str, nominal: np.ndarray, value: np.ndarray) -> list[SysidParameter]:
+    """The parameter if its values differ, up to the last number that is not zero."""
     if np.allclose(nominal, value, rtol=ROUNDING, atol=0.0):
         return []
-    used = max(int(np.flatnonzero(each).max(initial=0)) for each in values) + 1
+    used = max(int(np.flatnonzero(each).max(initial=0)) for each in (nominal, value)) + 1
     nominal, value = nominal[:used], value[:used]
     reach = BOUND * np.maximum(np.maximum(np.abs(nominal), np.abs(value)), np.finfo(float).tiny)
     low = -reach if attribute in SIGNED else np.zeros(used)
     return [SysidParameter(name, nominal, value, low, reach)]
 
 
-def _inertias(before: Any, after: Any, mujoco: Any) -> list[SysidParameter]:
+def _inertias(before: Any, after: Any) -> list[SysidParameter]:
     """Pseudo-inertias of the bodies whose mass, centre or inertia differ."""
-    names = [body.name for body in before.bodies if body.name and body.name != WORLD]
     parameters = []
-    for name in names:
-        one, other = (read_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
-        if one is None or other is None:  # MuJoCo joined it with another
+    for name in (body.name for body in before.bodies if body.name and body.name != WORLD):
+        try:
+            one, other = read_inertia(before, name), read_inertia(after, name)
+        except ValueError:  # MuJoCo joined it with another
             continue
-        same = [
-            bool(np.allclose(one[i], other[i], rtol=ROUNDING, atol=ROUNDING * float(np.max(np.abs(one[i])))))
-            for i in range(3)
-        ]
-        if all(same):
+        sizes = [float(np.max(np.abs(part))) for part in one]
+        if all(np.allclose(one[i], other[i], rtol=ROUNDING, atol=ROUNDING * sizes[i]) for i in range(3)):
             continue
-        start, fitted = (pack_inertia(spec, name, mujoco=mujoco) for spec in (before, after))
+        start, fitted = pack_inertia(before, name), pack_inertia(after, name)
         # logarithms of mass and stretch, shears, and the centre [m], each as far as the toolbox has them
         reach = np.r_[0.5 * np.log(BOUND), np.full(3, 0.5 * np.log(2.0)), np.full(6, 0.5)]
         low, high = np.minimum(start - reach, fitted), np.maximum(start + reach, fitted)
