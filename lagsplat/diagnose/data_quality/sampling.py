@@ -6,6 +6,7 @@ ten.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import find_objects, label
@@ -56,7 +57,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
 
     Source: quantisation error of dithered signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
     """
-    rows, later, segments, at = [], [], [], 0
+    rows, later = [], []
     for start, stop in motion.segments:
         groups = (stop - start) // n
         if groups < 2:
@@ -64,8 +65,6 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         index = start + np.arange(groups * n).reshape(groups, n)
         rows.append(index)
         later.append(np.minimum(index + n // 2, stop - 1))
-        segments.append((at, at + groups))
-        at += groups
     if not rows:
         return motion
     group = np.concatenate(rows)
@@ -77,7 +76,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         q=motion.q[group].mean(axis=1),
         v=None if motion.v is None else motion.v[group].mean(axis=1),
         u=motion.u[np.concatenate(later) if held else group].mean(axis=1),
-        segments=tuple(segments),
+        segments=tuple(pairwise([0, *np.cumsum([len(index) for index in rows]).tolist()])),
         resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
     )
 
