@@ -77,6 +77,8 @@ def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np
 def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> float:
     """Share of the input that is a function of position and rate; NaN where this would be inconclusive."""
     u = motion.u[:, channel] - motion.u[:, channel].mean()
+    if not u.any():
+        return np.nan
     power = np.abs(np.fft.rfft(u * np.hanning(len(u)))) ** 2
     peak = int(np.argmax(power))
     if power[max(0, peak - 2) : peak + 3].sum() > CLOSED_LOOP.single_line_share * power.sum():

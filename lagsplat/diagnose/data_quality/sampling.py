@@ -252,11 +252,8 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
 def _find_equal_runs(motion: Trajectory) -> np.ndarray:
     """First and last sample (R, 2) of runs of equal samples, with two others of their clip on each side."""
     same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
-    runs = []
-    for start, stop in motion.segments:
-        found = find_objects(label(same[start : stop - 1])[0])
-        spans = [(start + run.start, start + run.stop) for (run,) in found]
-        runs += [
-            (a, b) for a, b in spans if a - start >= 2 and stop - b > 2 and b - a <= SAMPLING.max_repeats
-        ]
-    return np.array(runs, dtype=int).reshape(-1, 2)
+    runs = [(run.start, run.stop) for (run,) in find_objects(label(same)[0])]
+    first, last = spans = np.array(runs, dtype=int).reshape(-1, 2).T
+    joined = np.pad(motion.joined, 2)  # the two steps before and after a run
+    inside = joined[first] & joined[first + 1] & joined[last + 2] & joined[last + 3]
+    return spans.T[inside & (last - first <= SAMPLING.max_repeats)]
