@@ -68,9 +68,8 @@ def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataChe
     refuse(coordinate_findings)
     nominal = prepare_side(sim) if sim else None
     measured = prepare_side(real, nominal_period_s=nominal.period_s if nominal else None)
-    findings = [*coordinate_findings]
+    findings = [*coordinate_findings, *check_region(nominal.motions if nominal else (), measured.motions)]
     if nominal:
-        findings += check_region(nominal.motions, measured.motions)
         findings += check_length(nominal.motions, period_s=nominal.period_s, noise=nominal.noise, side="sim")
         findings += nominal.findings
     # An effect may have slowed the real motion: count its length in the shorter of both periods.
@@ -127,23 +126,16 @@ def unwrap_angles(motion: Trajectory) -> tuple[Trajectory, tuple[Finding, ...]]:
     """
     q, findings = motion.q.copy(), []
     inside = motion.joined
-    for i in range(motion.d):
-        step = np.diff(q[:, i])
+    for i, name in enumerate(motion.q_names):
         for turn in FULL_TURNS:
-            wraps = inside & (np.abs(step) > 0.5 * turn)
-            continued = step - turn * np.sign(step) * wraps
-            bends = np.abs(np.diff(continued)) * (inside[:-1] & inside[1:])
+            continued = np.concatenate([np.unwrap(q[a:b, i], period=turn) for a, b in motion.segments])
+            wraps = inside & (np.abs(np.diff(q[:, i])) > 0.5 * turn)
+            bends = np.abs(np.diff(continued, 2)) * (inside[:-1] & inside[1:])
             beside = wraps[:-1] | wraps[1:]
             if not wraps.any() or np.ptp(q[:, i]) > 1.1 * turn or (bends[beside] > 0.25 * turn).any():
                 continue
-            jumps = np.flatnonzero(wraps)
-            shift = np.zeros(motion.n)
-            for start, stop in motion.segments:
-                for at in jumps[(jumps >= start) & (jumps < stop)]:
-                    shift[at + 1 : stop] -= turn * np.sign(step[at])
-            q[:, i] += shift
-            name = motion.q_names[i]
-            what = f"{name} steps by a whole turn ({turn:.4g}) {len(jumps)} time(s)"
+            q[:, i] = continued
+            what = f"{name} steps by a whole turn ({turn:.4g}) {wraps.sum()} time(s)"
             why = "an angle that starts again is no motion"
             remedy = "it is continued here; record it unwrapped if that is wrong"
             findings.append(Finding("warn", "wrapped", motion.source, what, why, remedy, (name,)))

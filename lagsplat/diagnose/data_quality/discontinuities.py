@@ -54,15 +54,12 @@ def _find_unknown_inputs(motion: Trajectory) -> Bool[np.ndarray, " n-1"]:
     A straight line through the samples beside a gap misses a smooth input in the middle by a quarter of what
     an extrapolation from either side misses at the other, and one that steps by more.
     """
-    step, unknown = np.diff(motion.time_s), np.zeros(motion.n - 1, dtype=bool)
-    rate = np.diff(motion.u, axis=0) / step[:, None]
-    limit = 4.0 * DISCONTINUITIES.max_input_error * np.std(motion.u, axis=0)
-    joined = motion.joined
-    for k in np.flatnonzero(joined & (step > DISCONTINUITIES.missing_steps * motion.dt_s)):
-        beside = [at for at in (k - 1, k + 1) if 0 <= at < len(step) and joined[at]]
-        miss = np.abs(rate[k] - rate[beside]).max(axis=0, initial=0.0) * step[k]
-        unknown[k] = bool((miss > limit).any())
-    return unknown
+    step, joined = np.diff(motion.time_s), motion.joined
+    bend = np.abs(np.diff(np.diff(motion.u, axis=0) / step[:, None], axis=0))
+    bend = np.pad(bend * (joined[1:] & joined[:-1])[:, None], ((1, 1), (0, 0)))
+    miss = np.maximum(bend[:-1], bend[1:]) * step[:, None]
+    bent = (miss > 4.0 * DISCONTINUITIES.max_input_error * np.std(motion.u, axis=0)).any(axis=1)
+    return joined & (step > DISCONTINUITIES.missing_steps * motion.dt_s) & bent
 
 
 def cut_jumps(

@@ -173,7 +173,5 @@ def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, f
     """Frequencies [Hz] between which nine tenths of the power lie."""
     order = np.argsort(frequency)
     summed = np.cumsum(power[order])
-    if summed[-1] <= 0.0:
-        return 0.0, 0.0
-    low, high = np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])
-    return float(frequency[order][low]), float(frequency[order][min(high, len(order) - 1)])
+    low, high = frequency[order][np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])].tolist()
+    return low, high

@@ -1,6 +1,6 @@
 """Whether inputs were chosen freely or by a controller that answered the motion, and on which clock."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,12 +68,7 @@ def _is_rough(values: np.ndarray) -> bool:
 
 def _compute_partial_share(columns: np.ndarray, target: np.ndarray, *, given: np.ndarray) -> float:
     """Share of ``target`` that ``columns`` explain beyond ``given``; zero where chance explains as much."""
-    rest, free = _remove_span(given, target, columns)
-    size = float(rest @ rest)
-    if size <= 0.0 or np.linalg.norm(free) == 0.0:
-        return 0.0
-    fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
-    share = min(float(fitted @ fitted) / size, 1.0 - 1e-12)
+    share = min(_explain_beyond(given, target[:, None], [columns])[0], 1.0 - 1e-12)
     n, p = len(target) // CLOSED_LOOP.difference_order, columns.shape[1]  # differencing correlates neighbours
     ratio = share / p / ((1.0 - share) / max(n - p, 1))
     return share if f_law.sf(ratio, p, max(n - p, 1)) < CLOSED_LOOP.max_p_value else 0.0
@@ -151,24 +146,16 @@ def score_input_shifts(motion: Trajectory, *, period_s: float) -> tuple[np.ndarr
     if not state_columns:
         return np.zeros(0), np.zeros(0)
     state, target = np.concatenate(state_columns), np.concatenate(accelerations)
-    return shifts, _explain_beyond_state(np.concatenate(input_columns, axis=1), state, target)
+    return shifts, np.array(_explain_beyond(state, target, np.concatenate(input_columns, axis=1)))
 
 
-def _explain_beyond_state(inputs: np.ndarray, state: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Share of what ``state`` (n, k) leaves of ``target`` (n, d) that each of ``inputs`` (S, n, m) adds."""
-    rest, *remaining = _remove_span(state, target, *inputs)
-    size = np.maximum((rest**2).sum(axis=0), 1e-300)
-    shares = []
-    for free in remaining:
-        fitted = free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0]
-        shares.append(float(((fitted**2).sum(axis=0) / size).mean()))
-    return np.array(shares)
-
-
-def _remove_span(given: np.ndarray, *arrays: np.ndarray) -> list[np.ndarray]:
-    """What of each of ``arrays`` no combination of the columns ``given`` (n, k) explains."""
+def _explain_beyond(given: np.ndarray, target: np.ndarray, added: Iterable[np.ndarray]) -> list[float]:
+    """Share of what ``given`` (n, k) leaves of ``target`` (n, d) that each of ``added`` (n, m) explains."""
     basis = np.linalg.qr(given / np.maximum(np.linalg.norm(given, axis=0), 1e-300))[0]
-    return [array - basis @ (basis.T @ array) for array in arrays]
+    rest, *remaining = (array - basis @ (basis.T @ array) for array in (target, *added))
+    size = np.maximum((rest**2).sum(axis=0), 1e-300)
+    fits = [free @ np.linalg.lstsq(free, rest, rcond=1e-9)[0] for free in remaining]
+    return [float(((fitted**2).sum(axis=0) / size).mean()) for fitted in fits]
 
 
 def check_time_offset(motions: Sequence[Trajectory], *, period_s: float | None) -> list[Finding]:

@@ -38,8 +38,6 @@ def estimate_natural_period_s(motions: Sequence[Trajectory]) -> float | None:
         return None
     longest_s = max(len(clip.q) * clip.dt_s for clip in clips)
     shortest_s = NATURAL_PERIOD.min_test_samples * min(clip.dt_s for clip in clips)
-    if longest_s <= shortest_s:
-        return _estimate_turning_period(clips)
     count = max(2, round(NATURAL_PERIOD.lengths_per_decade * np.log10(longest_s / shortest_s)))
     best_score, best_period_s = -np.inf, None
     for length_s in np.geomspace(shortest_s, longest_s, count):
@@ -167,16 +165,14 @@ def _estimate_turning_period(clips: Sequence[_Clip]) -> float | None:
     """Twice the median time between turning points, of the coordinate that turns most often."""
     halves_s = []
     for i in range(clips[0].q.shape[1] if clips else 0):
-        halves = [np.diff(_find_turning_points(clip.q[:, i])) * clip.dt_s for clip in clips]
+        halves = []
+        for clip in clips:
+            sides = (clip.q[:, i], -clip.q[:, i])
+            turns = [find_peaks(side, prominence=NATURAL_PERIOD.turn_size)[0] for side in sides]
+            halves.append(np.diff(np.sort(np.concatenate(turns))) * clip.dt_s)
         halves_s.append(np.concatenate(halves))
     most_turns = max(halves_s, key=len, default=np.zeros(0))
     return 2.0 * float(np.median(most_turns)) if len(most_turns) >= 2 else None
-
-
-def _find_turning_points(q: np.ndarray) -> np.ndarray:
-    """Samples at which a column reverses by more than `NATURAL_PERIOD.turn_size`, in its own deviations."""
-    turns = [find_peaks(side, prominence=NATURAL_PERIOD.turn_size)[0] for side in (q, -q)]
-    return np.sort(np.concatenate(turns))
 
 
 def compute_rms_period_s(motions: Sequence[Trajectory], order: int) -> float | None:

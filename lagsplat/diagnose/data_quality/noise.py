@@ -27,15 +27,11 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     """Fit a cubic through the ``2 half_width + 1`` samples nearest to each, never across a clip's border.
 
     Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
-    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower.
-
-    Raises:
-        ValueError: a half width below 2.
+    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower. A cubic with
+    a sample to spare needs a half width of at least 2.
 
     Source: local polynomial regression, Fan and Gijbels 1996, chapter 3.
     """
-    if half_width < 2:
-        raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
     return _fit_clips(motion, [half_width] * len(motion.segments))
 
 
@@ -102,8 +98,6 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971,
     doi:10.1093/biomet/58.3.545.
     """
-    d = motions[0].d
-    sigma, correlation = np.full(d, np.nan), np.zeros(d)
     step = measure_resolution(motions)
     dt_s = np.median([motion.dt_s for motion in motions])
     least = longest = NOISE_ESTIMATION.min_window
@@ -112,12 +106,11 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
         longest = int(np.clip(wanted, least, NOISE_ESTIMATION.max_window))
     agreement, usual = NOISE_ESTIMATION.window_agreement, NOISE_ESTIMATION.polynomial_degree
     fast = _estimate_in_windows(motions, least, dt_s, degree=NOISE_ESTIMATION.fast_degree)
-    for i, (size, rho, _) in enumerate(fast):
-        sigma[i], correlation[i] = size, rho
+    chosen = fast
     for width in sorted({least, longest, (least + longest) // 2}):
-        for i, (size, rho, plain) in enumerate(_estimate_in_windows(motions, width, dt_s, degree=usual)):
-            if plain <= agreement * fast[i][2]:
-                sigma[i], correlation[i] = size, rho
+        found = _estimate_in_windows(motions, width, dt_s, degree=usual)
+        chosen = np.where(found[:, 2:] <= agreement * fast[:, 2:], found, chosen)
+    sigma, correlation, _ = chosen.T
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
 
 
@@ -149,8 +142,11 @@ def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
 
 def _estimate_in_windows(
     motions: Sequence[Trajectory], width: int, dt_s: float, *, degree: int
-) -> list[tuple[float, float, float]]:
-    """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white."""
+) -> Float64[np.ndarray, "d 3"]:
+    """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white.
+
+    Both deviations are NaN where no clip is as long as a window.
+    """
     windows = [
         (motion, slice(first, first + width))
         for motion in motions
@@ -158,7 +154,7 @@ def _estimate_in_windows(
         for first in range(start, stop - width + 1, width)
     ]
     if not windows:
-        return []
+        return np.tile([np.nan, 0.0, np.nan], (motions[0].d, 1))
     count = min(len(windows), NOISE_ESTIMATION.max_windows)
     chosen = [windows[k] for k in np.unique(np.linspace(0, len(windows) - 1, count).astype(int))]
     time = np.stack([motion.time_s[window] for motion, window in chosen]) / dt_s
@@ -171,10 +167,11 @@ def _estimate_in_windows(
     lags = np.abs(time[:, :, None] - time[:, None, :])
     projected = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
     rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
-    return [
+    rows = [
         (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _fit_autoregression(observed, contrasts, lags)
         for observed, least in zip(projected, rounding, strict=True)
     ]
+    return np.array(rows)
 
 
 def _fit_autoregression(
@@ -189,7 +186,7 @@ def _fit_autoregression(
         if rho < 0.0 and not even:  # negative correlation alternates, which is defined for even steps only
             continue
         signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
-        errors = signs * np.abs(rho) ** lags if rho else (lags == 0).astype(float)
+        errors = signs * np.abs(rho) ** lags
         covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
         distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
         variance = _fit_student_variance(distance, size)

@@ -19,11 +19,10 @@ def estimate_input_period_s(motions: Sequence[Trajectory], channel: int) -> floa
 
     Source: squared difference function, de Cheveigne and Kawahara 2002, doi:10.1121/1.1458024.
     """
-    periods_s = [_estimate_clip_period_s(clip, channel) for motion in motions for clip in motion.clips()]
-    known = [period_s for period_s in periods_s if period_s is not None]
-    if len(known) < len(periods_s) or not known:
-        return None
-    return max(known) if max(known) < (1.0 + TIME_ALIGNMENT.equal_period_error) * min(known) else None
+    clips = [clip for motion in motions for clip in motion.clips()]
+    periods_s = np.array([_estimate_clip_period_s(clip, channel) for clip in clips], dtype=float)
+    longest_s = float(periods_s.max())  # NaN, which is equal to nothing, where a clip does not repeat
+    return longest_s if longest_s < (1.0 + TIME_ALIGNMENT.equal_period_error) * periods_s.min() else None
 
 
 def _estimate_clip_period_s(clip: Trajectory, channel: int) -> float | None:
@@ -69,13 +68,11 @@ def check_periodic_inputs(motions: Sequence[Trajectory]) -> list[Finding]:
 def estimate_common_period_s(motions: Sequence[Trajectory]) -> float | None:
     """Estimate the period [s] after which all moving inputs repeat; None if they do not."""
     moving = [i for i in range(motions[0].n_u) if any(np.ptp(motion.u[:, i]) for motion in motions)]
-    periods_s = [estimate_input_period_s(motions, channel) for channel in moving]
-    known = [period_s for period_s in periods_s if period_s is not None]
-    if len(known) < len(periods_s) or not known:
-        return None
-    ratios = max(known) / np.array(known)
+    periods_s = np.array([estimate_input_period_s(motions, channel) for channel in moving], dtype=float)
+    longest_s = float(periods_s.max(initial=0.0))
+    ratios = longest_s / periods_s
     whole = np.abs(ratios - np.rint(ratios)) < TIME_ALIGNMENT.equal_period_error * ratios
-    return max(known) if whole.all() else None
+    return longest_s if whole.all() and moving else None
 
 
 def wrap_shift(shift_s: float, period_s: float) -> float:

@@ -6,6 +6,7 @@ ten.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import find_objects, label
@@ -56,7 +57,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
 
     Source: quantisation error of dithered signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
     """
-    rows, later, segments, at = [], [], [], 0
+    rows, later = [], []
     for start, stop in motion.segments:
         groups = (stop - start) // n
         if groups < 2:
@@ -64,8 +65,6 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         index = start + np.arange(groups * n).reshape(groups, n)
         rows.append(index)
         later.append(np.minimum(index + n // 2, stop - 1))
-        segments.append((at, at + groups))
-        at += groups
     if not rows:
         return motion
     group = np.concatenate(rows)
@@ -77,7 +76,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         q=motion.q[group].mean(axis=1),
         v=None if motion.v is None else motion.v[group].mean(axis=1),
         u=motion.u[np.concatenate(later) if held else group].mean(axis=1),
-        segments=tuple(segments),
+        segments=tuple(pairwise([0, *np.cumsum([len(index) for index in rows]).tolist()])),
         resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
     )
 
@@ -253,11 +252,8 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
 def _find_equal_runs(motion: Trajectory) -> np.ndarray:
     """First and last sample (R, 2) of runs of equal samples, with two others of their clip on each side."""
     same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
-    runs = []
-    for start, stop in motion.segments:
-        found = find_objects(label(same[start : stop - 1])[0])
-        spans = [(start + run.start, start + run.stop) for (run,) in found]
-        runs += [
-            (a, b) for a, b in spans if a - start >= 2 and stop - b > 2 and b - a <= SAMPLING.max_repeats
-        ]
-    return np.array(runs, dtype=int).reshape(-1, 2)
+    runs = [(run.start, run.stop) for (run,) in find_objects(label(same)[0])]
+    first, last = spans = np.array(runs, dtype=int).reshape(-1, 2).T
+    joined = np.pad(motion.joined, 2)  # the two steps before and after a run
+    inside = joined[first] & joined[first + 1] & joined[last + 2] & joined[last + 3]
+    return spans.T[inside & (last - first <= SAMPLING.max_repeats)]

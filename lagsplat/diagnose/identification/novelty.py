@@ -90,11 +90,8 @@ def drop_outlier_windows(
         ``identified`` or the model without the outliers, and the windows that were left out.
     """
     windows, best, n = identified.windows, identified, len(identified.windows.first)
-    kept = np.arange(n)
-    attempts = min(NOVELTY.max_outliers, n // NOVELTY.min_windows_per_outlier)
-    if not identified.misfit > NOVELTY.poor_misfit or n < NOVELTY.min_windows:
-        attempts = 0
-    for _ in range(attempts):
+    kept, poor = np.arange(n), identified.misfit > NOVELTY.poor_misfit and n >= NOVELTY.min_windows
+    for _ in range(min(NOVELTY.max_outliers, n // NOVELTY.min_windows_per_outlier) if poor else 0):
         misfits = measure_windows(best.fit.residual, best.windows.length)
         worst = int(np.argmax(misfits))
         if best.misfit < NOVELTY.good_misfit or misfits[worst] < NOVELTY.outlier_ratio * np.median(misfits):

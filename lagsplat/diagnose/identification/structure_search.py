@@ -31,6 +31,7 @@ from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
     MAX_FEW_COORDINATES,
+    SIZED_FIELDS,
     ModelStructure,
     build_candidate_bases,
     flatten_coefficients,
@@ -39,7 +40,6 @@ from lagsplat.diagnose.mechanics.structure import (
     list_larger_structures,
     pad_model,
     shift_coefficients,
-    split_coefficients,
 )
 
 
@@ -174,9 +174,8 @@ class IdentificationProblem:
 
 def make_weak_prior(n: int) -> GaussianPrior:
     """A wide prior of ``n`` coefficients, which are counted in units of their fields."""
-    return GaussianPrior(
-        np.zeros(n), np.full(n, IDENTIFICATION.coefficient_deviation), np.full(n, -np.inf), np.full(n, 1e-5)
-    )
+    values = (0.0, IDENTIFICATION.coefficient_deviation, -np.inf, 1e-5)
+    return GaussianPrior(*(np.full(n, value) for value in values))
 
 
 def list_uncertain_directions(
@@ -200,39 +199,21 @@ def predict_criteria(
     problem: IdentificationProblem, best: StructureFit, larger: list[ModelStructure]
 ) -> list[InformationCriterion]:
     """Predict the criterion of each larger structure, from a single linearisation for all."""
-    union = ModelStructure(
-        mass=max(f.mass for f in larger),
-        damping=max(f.damping for f in larger),
-        potential=max(f.potential for f in larger),
-        input_map=max(f.input_map for f in larger),
-        dry=True,
-        drag=True,
-    )
+    sizes = {name: max(getattr(form, name) for form in larger) for name in SIZED_FIELDS}
+    union = ModelStructure(**sizes, dry=True, drag=True)
     padded = pad_model(best.model, union)
     moves = list_free_directions(padded, union, problem.speed)
     curvature, gradient = problem.linearise(padded, moves, best.fit.starts)
     predicted = []
     for structure in larger:
-        small = pad_model(best.model, structure)
-        free = list_free_directions(small, structure, problem.speed)
-        kept = np.flatnonzero(_find_moves_within(padded, moves, small, free))
+        fixed = ~list_free_directions(padded, structure, problem.speed).any(axis=0)
+        kept = np.flatnonzero(~moves[:, fixed].any(axis=1))
         h = curvature[np.ix_(kept, kept)] + np.eye(len(kept)) / IDENTIFICATION.coefficient_deviation**2
         gain = -np.inf  # a diverged rollout foretells nothing
         if np.isfinite(h).all():
             gain = float(gradient[kept] @ np.linalg.lstsq(h, gradient[kept], rcond=1e-12)[0])
         predicted.append(replace(best.criterion, misfit=best.fit.misfit - gain, n_free=len(kept)))
     return predicted
-
-
-def _find_moves_within(
-    large: MechanicalModel, moves: np.ndarray, small: MechanicalModel, free: np.ndarray
-) -> np.ndarray:
-    """Which ``moves`` of the large model change only coefficients that ``free`` moves of the small one do."""
-    allowed = []
-    for name, changed in split_coefficients((free != 0.0).any(axis=0), small).items():
-        allowed.append(np.pad(changed.ravel(), (0, getattr(large, name).size - changed.size)))
-    may_change = np.concatenate(allowed)
-    return np.array([may_change[row != 0.0].all() for row in moves])
 
 
 def fit_first_model(

@@ -105,18 +105,9 @@ def _make_linear_model(
     gain: Float64[np.ndarray, "n_u d"],
 ) -> MechanicalModel:
     """A model whose inertia, damping and inputs do not depend on the coordinates, without friction."""
-    d = len(inertia)
-    return MechanicalModel(
-        basis=samples.basis,
-        mass=inertia[None],
-        damping=damping[None],
-        potential=potential,
-        input_map=gain[None, :][: len(gain)],
-        dry=np.zeros(d),
-        drag=np.zeros(d),
-        width=samples.width,
-        rest=np.median(samples.dataset.q, axis=0),
-    )
+    none, rest = np.zeros(len(inertia)), np.median(samples.dataset.q, axis=0)
+    fields = (inertia[None], damping[None], potential, gain[None, :][: len(gain)])
+    return MechanicalModel(samples.basis, *fields, dry=none, drag=none, width=samples.width, rest=rest)
 
 
 def solve_ridge(rows: np.ndarray, known: np.ndarray, ridge: float) -> Float64[np.ndarray, " K"]:

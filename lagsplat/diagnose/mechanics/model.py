@@ -37,9 +37,7 @@ class MechanicalModel:
     dry: Float64[np.ndarray, " d"]  # dry friction of each coordinate, a generalised force
     drag: Float64[np.ndarray, " d"]  # quadratic, a generalised force over the squared velocity
     width: Float64[np.ndarray, " d"]  # speed below which dry friction is linear [unit of the coordinate / s]
-    rest: Float64[
-        np.ndarray, " d"
-    ]  # equilibrium without inputs, or the middle of the motion if there is none
+    rest: Float64[np.ndarray, " d"]  # equilibrium without inputs; without one, the middle of the motion
 
     @property
     def d(self) -> int:

@@ -1,8 +1,8 @@
 """The structure of a model: how many basis functions each field uses, and which coefficients are free."""
 
-import math
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -11,7 +11,9 @@ from lagsplat.diagnose.mechanics.basis import POWER, Basis, add_angle_functions,
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 MAX_FEW_COORDINATES = 2  # up to so many the search is cheap, and fields grow by up to two degrees at once
-COEFFICIENT_FIELDS = ("mass", "damping", "potential", "input_map", "dry", "drag")
+SIZED_FIELDS = ("mass", "damping", "potential", "input_map")
+"""Fields of `MechanicalModel` in the basis, whose numbers of functions `ModelStructure` says."""
+COEFFICIENT_FIELDS = (*SIZED_FIELDS, "dry", "drag")
 """Fields of `MechanicalModel` that are estimated, in the order in which they are flattened."""
 MIN_ANGLE_RANGE = 0.6  # of every coordinate, above which sines and cosines are tried beside polynomials [rad]
 
@@ -28,13 +30,11 @@ def build_candidate_bases(q: np.ndarray, *, degree: int) -> list[Basis]:
     if (high - low > MIN_ANGLE_RANGE).all():
         d = len(low)
         single = np.eye(d, dtype=np.int64)
-        multiples = [single]
-        for i, j in combinations(range(d), 2):
-            multiples.append(np.stack([single[i] - single[j], single[i] + single[j]]))
+        pairs = [single[i] + sign * single[j] for i, j in combinations(range(d), 2) for sign in (-1, 1)]
         # If these are angles, a polynomial that is fitted to one turn does not extend to the next.
         around = bool((high - low > 2.0 * np.pi).all())
         plain = make_polynomial_basis(1 if around else 2, centre=centre, scale=scale)
-        turning = add_angle_functions(plain, np.concatenate(multiples))
+        turning = add_angle_functions(plain, np.array([*single, *pairs]))
         candidates = [turning, *candidates] if around else [*candidates, turning]
     return candidates
 
@@ -67,20 +67,16 @@ def list_larger_structures(structure: ModelStructure, basis: Basis, *, driven: b
     ends = list_field_sizes(basis)
     ahead = 2 if basis.order.shape[1] <= MAX_FEW_COORDINATES else 1
 
-    def larger(size: int, most: int) -> list[int]:
-        return [end for end in [end for end in ends if end > size][:ahead] if end <= most]
-
-    most = structure.potential
-    candidates = [replace(structure, potential=end) for end in larger(structure.potential, ends[-1])]
-    candidates += [replace(structure, mass=end) for end in larger(structure.mass, most)]
-    candidates += [replace(structure, damping=end) for end in larger(structure.damping, most)]
-    if driven:
-        candidates += [replace(structure, input_map=end) for end in larger(structure.input_map, most)]
-    if not structure.dry:
-        candidates.append(replace(structure, dry=True))
-    if not structure.drag:
-        candidates.append(replace(structure, drag=True))
-    return candidates
+    fields = [("potential", ends[-1]), ("mass", structure.potential), ("damping", structure.potential)]
+    fields += [("input_map", structure.potential)] if driven else []
+    steps: list[dict[str, Any]] = [
+        {name: end}
+        for name, most in fields
+        for end in [end for end in ends if end > getattr(structure, name)][:ahead]
+        if end <= most
+    ]
+    steps += [{name: True} for name in ("dry", "drag") if not getattr(structure, name)]
+    return [replace(structure, **step) for step in steps]
 
 
 def pad_model(model: MechanicalModel, structure: ModelStructure) -> MechanicalModel:
@@ -89,13 +85,10 @@ def pad_model(model: MechanicalModel, structure: ModelStructure) -> MechanicalMo
     def pad(value: np.ndarray, size: int) -> np.ndarray:
         return np.concatenate([value, np.zeros((max(size - len(value), 0), *value.shape[1:]))])
 
-    return replace(
-        model,
-        mass=pad(model.mass, structure.mass),
-        damping=pad(model.damping, structure.damping),
-        potential=pad(model.potential, structure.potential),
-        input_map=pad(model.input_map, structure.input_map),
-    )
+    fields: dict[str, Any] = {}
+    for name in SIZED_FIELDS:
+        fields[name] = pad(getattr(model, name), getattr(structure, name))
+    return replace(model, **fields)
 
 
 def list_free_directions(model: MechanicalModel, structure: ModelStructure, speed: np.ndarray) -> np.ndarray:
@@ -111,12 +104,12 @@ def list_free_directions(model: MechanicalModel, structure: ModelStructure, spee
     loss = 0.05 * height / float(np.mean(speed * model.basis.scale))
 
     def add(name: str, value: float, *places: tuple[int, ...], minus: tuple[int, ...] | None = None) -> None:
-        fields = {field: np.zeros_like(getattr(model, field)) for field in COEFFICIENT_FIELDS}
+        rows.append(np.zeros_like(flatten_coefficients(model)))
+        field = split_coefficients(rows[-1], model)[name]  # a view of the row
         for place in places:
-            fields[name][place] = value
+            field[place] = value
         if minus is not None:
-            fields[name][minus] = -value
-        rows.append(np.concatenate([field.ravel() for field in fields.values()]))
+            field[minus] = -value
 
     pairs, last = [(i, j) for i in range(d) for j in range(i, d)], (0, d - 1, d - 1)
     for k in range(structure.mass):
@@ -140,10 +133,10 @@ def list_free_directions(model: MechanicalModel, structure: ModelStructure, spee
 
 def split_coefficients(values: np.ndarray, model: MechanicalModel) -> dict[str, np.ndarray]:
     """Rows (..., K) of one value for each coefficient, by field, shaped (..., *field) as in ``model``."""
-    shapes = [getattr(model, name).shape for name in COEFFICIENT_FIELDS]
-    parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes])[:-1], axis=-1)
-    shaped = [part.reshape(*values.shape[:-1], *shape) for part, shape in zip(parts, shapes, strict=True)]
-    return dict(zip(COEFFICIENT_FIELDS, shaped, strict=True))
+    fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
+    parts = np.split(values, np.cumsum([field.size for field in fields])[:-1], axis=-1)
+    shapes = [(*values.shape[:-1], *field.shape) for field in fields]
+    return dict(zip(COEFFICIENT_FIELDS, map(np.reshape, parts, shapes), strict=True))
 
 
 def shift_coefficients(model: MechanicalModel, change: np.ndarray) -> MechanicalModel:
