@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, ParameterKind, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
@@ -59,8 +60,7 @@ class Effect(EffectDescription):
     parameters: tuple[EffectParameter, ...]
     needs: str = ""  # what a recording must contain to reveal it
     excitation: Callable[..., Grade]
-    """Grades a recording: ``excitation(measures)`` of `ExcitationMeasures`, or for an effect of an input
-    ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
+    """``excitation(measures)`` grades a recording, or ``excitation(channel, measures)`` for one input."""
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
     """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
     nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`, with the
@@ -114,6 +114,7 @@ class ForceEffect(Effect):
     """A force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
 
     law: Any
+    excitation: Callable[[ExcitationMeasures], Grade]
     n_memory: int = 0
     memory_start: tuple[str, ...] = ()  # what each memory holds where a clip begins: `zero`, `s` or `v`
     memory_kinds: tuple[ParameterKind, ...] = ()
@@ -167,6 +168,7 @@ class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
     change: Any
+    excitation: Callable[[InputMeasures, ExcitationMeasures], Grade]
     time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
@@ -177,6 +179,7 @@ class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Any
+    excitation: Callable[[ExcitationMeasures], Grade]
     kind: Kind = "observation"
     group: str = "G"
     level: Level = "chart"

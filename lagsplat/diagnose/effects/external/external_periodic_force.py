@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.core.config import RECURRENCE
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Effect, ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import Effect, ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -31,14 +30,6 @@ def limit_period(effect: Effect, scales: Scales) -> Effect:
     slowest = math.log(2.0 * math.pi / scales.duration_s / scales.of("rate"))
     bounded = replace(frequency, prior=replace(frequency.prior, lowest=slowest))
     return replace(effect, parameters=(*amplitudes, bounded))
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a spectral line that no input explains, best at rest."""
-    reason = f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}"
-    yes = measures.rest_periods > 5 or measures.periods > 15
-    record = f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest"
-    return make_grade(yes, measures.periods > 6, reason, record)
 
 
 def place_at_lines(
@@ -79,6 +70,12 @@ EFFECT = ForceEffect(
         EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
     needs="a stretch at rest of ten cycles",
+    excitation=lambda m: make_grade(
+        m.rest_periods > 5 or m.periods > 15,
+        m.periods > 6,
+        f"{m.periods:.3g} periods, the longest rest {m.rest_periods:.2g}",
+        f"record {15 * m.period_s:.3g} s, ten periods of it left at rest",
+    ),
     place=place,
     law=force,
     report_parameters=lambda p, placed: {
@@ -86,7 +83,6 @@ EFFECT = ForceEffect(
         "acceleration": math.hypot(p["cosine"], p["sine"]),
         "harmonic": math.hypot(p["cosine_2"], p["sine_2"]),
     },
-    excitation=grade_excitation,
     confusable_with=("hidden_mode",),
     flexible=True,
     recurrence=measure_recurrence,
