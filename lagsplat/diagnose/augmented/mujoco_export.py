@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
+from lagsplat.diagnose.effects.base import ForceEffect, InputEffect, PlacedEffect
 from lagsplat.diagnose.simulators import mujoco_model
 
 WEAK_SPRING = 1e-6  # stiffness, relative to its force, of a spring that stands for a constant force
@@ -35,8 +35,7 @@ class MujocoElement:
     inertia: float  # reference inertia: diagonal of the mass matrix at rest
     compliance: float  # diagonal of the inverse mass matrix at rest
     rest: float  # coordinate at rest
-    variant: str
-    stiffness: float  # what stiffness ratios of the effect are counted in [1/s^2]
+    placed: PlacedEffect
 
     @property
     def mujoco(self) -> Any:
@@ -149,8 +148,7 @@ def patch_augmented(
             inertia=float(mass[at, at]),
             compliance=float(np.linalg.inv(mass)[at, at]),
             rest=float(simulator.model.rest[at]),
-            variant=placed.variant,
-            stiffness=placed.effect.stiffness_unit(placed.scales, placed.variant),
+            placed=placed,
         )
         effect = placed.effect
         several_joints = element.joint is None and isinstance(effect, ForceEffect) and effect.whole is None

@@ -3,7 +3,7 @@
 Source: Merkin, "Introduction to the Theory of Stability", 1997, ch. 6, doi:10.1007/978-1-4612-4046-4.
 """
 
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -23,11 +23,6 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0, rate) if variant == GYROSCOPIC else (rate * rate, 0.0)
 
 
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """On each two coordinates."""
-    return [each for variant in effect.variants for each in finder.find_along_pairs(effect, variant)]
-
-
 EFFECT = ForceEffect(
     name="circulatory_force",
     group="F",
@@ -41,7 +36,7 @@ EFFECT = ForceEffect(
     ),
     variants=("", GYROSCOPIC),
     variant_units={"": "1/s^2", GYROSCOPIC: "1/s"},
-    place=place,
+    along="pairs",
     law=force,
     crosswise=True,
     constants=_constants,

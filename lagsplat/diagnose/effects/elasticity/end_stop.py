@@ -36,13 +36,13 @@ def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) ->
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Limit the range of the joint on one side, if it has no limit yet."""
-    joint, push = element.joint, float(values["stiffness_ratio"]) * element.stiffness
+    joint, push = element.joint, float(values["stiffness_ratio"]) * element.placed.scales.stiffness
     if push <= 0.0 or element.selection.model.joint(joint.name).limited[0]:
         return ()
     far = 1e3 * (1.0 + abs(values["position"]))
-    edge = element.rest + SIDE[element.variant] * float(values["position"])
+    edge = element.rest + SIDE[element.placed.variant] * float(values["position"])
     joint.limited = int(element.mujoco.mjtLimited.mjLIMITED_TRUE)
-    between = np.array([edge - far, edge] if element.variant == "upper" else [edge, edge + far])
+    between = np.array([edge - far, edge] if element.placed.variant == "upper" else [edge, edge + far])
     joint.range = between / element.angle_unit
     # a negative reference is a stiffness; so low an impedance leaves the other forces as they are
     joint.solref_limit = np.array([-push * element.inertia * element.compliance, -1e-9])

@@ -39,7 +39,6 @@ EFFECT = ForceEffect(
     ),
     needs="slow cycles at three amplitudes",
     law=force,
-    n_memory=1,
     memory_start=("zero",),
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),

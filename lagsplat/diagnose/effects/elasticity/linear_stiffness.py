@@ -58,9 +58,9 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale gravity, springs and what servos hold with; or add a spring."""
-    if element.variant == SPRING:
-        added = (values["ratio"] - 1.0) * element.stiffness * element.inertia
-        return element.add_spring(added * Polynomial([-element.rest, 1.0]))
+    if element.placed.variant == SPRING:
+        added = (values["ratio"] - 1.0) * choose_stiffness_unit(element.placed.scales, SPRING)
+        return element.add_spring(added * element.inertia * Polynomial([-element.rest, 1.0]))
     ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
     if element.joint is not None and len(element.selection.joints) > 1:
         return () if gravity.any() else element.scale_springs([element.joint], ratio)
@@ -92,7 +92,6 @@ EFFECT = ForceEffect(
     whole=scale_potential,
     # a scaled potential keeps its bounds; a spring that is taken away may not
     energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
-    stiffness_unit=choose_stiffness_unit,
     report_parameters=_report_parameters,
     report_units={"added_stiffness": "1/s^2"},
     excitation=grade_excitation,

@@ -25,13 +25,6 @@ def add_inertia(
     return replace(coefficients, mass=mass)
 
 
-def change(
-    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect, model: Any
-) -> CoefficientBatch:
-    """Add the inertia of the rotor."""
-    return add_inertia(coefficients, theta[:, 0], placed)
-
-
 def place(effect: ModelEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate; of a single one with constant inertia it is a change of mass."""
     single = finder.constant_inertia and len(finder.coordinates) == 1
@@ -55,7 +48,7 @@ EFFECT = ModelEffect(
     needs="slow and fast motion of each joint under known inputs",
     acts_everywhere=True,
     place=place,
-    change=change,
+    change=lambda coefficients, theta, placed, model: add_inertia(coefficients, theta[:, 0], placed),
     energy_bounded=lambda p, placed: True,
     excitation=grade_inertia,
     confusable_with=("mass_change", "payload", "linear_stiffness", "input_gain"),

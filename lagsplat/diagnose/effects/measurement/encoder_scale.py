@@ -26,7 +26,6 @@ EFFECT = ObservationEffect(
     report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
     confusable_with=("input_gain", "constant_force", "mass_change"),
     recorded_by="log",
-    mujoco="it concerns the sensor of the recording, not the mechanism.",
     title="a sensor whose scale or zero is off",
     what="The encoder counts more or less to the turn than assumed, or its zero lies elsewhere.",
     symptom="One coordinate appears stretched or shifted, at rest as well.",
