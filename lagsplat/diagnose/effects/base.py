@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, ParameterKind, Scales
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
@@ -134,7 +134,7 @@ class ForceEffect(Effect):
 
     def with_free_memory(self, clips: Sequence[int]) -> "ForceEffect":
         """The same effect with a memory that may begin anywhere in ``clips``."""
-        kinds: dict[str, ParameterKind] = {"s": "coordinate", "v": "velocity"}
+        kinds = {"s": "coordinate", "v": "velocity"}
         beginnings = (
             EffectParameter(f"memory {i} of clip {c}", kinds[start], Normal(1.0), (0.0,))
             for c in clips
