@@ -64,16 +64,8 @@ class DiagnoseConfig:
         require_joint_unit("diagnose.joint_unit", self.joint_unit)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
-        counts = (
-            "film_d",
-            "max_coupled",
-            "families",
-            "places",
-            "starts",
-            "iterations",
-            "identify_iterations",
-        )
-        require_least(self, "diagnose", 1, *counts)
+        require_least(self, "diagnose", 1, "film_d", "max_coupled", "identify_iterations")
+        require_least(self, "diagnose", 1, "families", "places", "starts", "iterations")
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
             require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")

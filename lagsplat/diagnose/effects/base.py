@@ -285,14 +285,11 @@ class PlacedEffect:
 
     def to_physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""
-        physical = np.zeros(x.shape)
-        if self.parts:
-            split = np.split(x, len(self.parts), axis=1)
-            rows = [part.to_physical(values) for part, values in zip(self.parts, split, strict=True)]
-            return np.concatenate(rows, axis=1)
-        for i, p in enumerate(self.effect.parameters):
-            physical[:, i] = p.prior.value(x[:, i]) * self.scales.of(p.kind)
-        return physical
+        counted = [(p, part.scales) for part in self.parts or (self,) for p in part.effect.parameters]
+        columns = zip(counted, x.T, strict=True)
+        return np.stack(
+            [p.prior.value(column) * scales.of(p.kind) for (p, scales), column in columns], axis=1
+        )
 
     def name_parameters(self, x: Float64[np.ndarray, " k"]) -> dict[str, float]:
         """Parameters by name, in the units of the recording and ratios as such, for unknowns ``x``."""
