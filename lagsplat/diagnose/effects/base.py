@@ -160,14 +160,14 @@ class CoefficientBatch:
 class ModelEffect(Effect):
     """A change of the model: ``change(coefficients, theta (P, k), placed, model) -> coefficients``."""
 
-    change: Any
+    change: Callable[..., CoefficientBatch]
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
-    change: Any
+    change: Callable[[Any, np.ndarray], np.ndarray]
     excitation: Callable[[InputMeasures, ExcitationMeasures], Grade]
     time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
@@ -178,7 +178,7 @@ class InputEffect(Effect):
 class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
-    observe: Any
+    observe: Callable[..., np.ndarray]
     excitation: Callable[[ExcitationMeasures], Grade]
     kind: Kind = "observation"
     group: str = "G"

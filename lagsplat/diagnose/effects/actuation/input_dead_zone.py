@@ -1,20 +1,10 @@
 """A valve or gear that ignores small inputs: ``u = sign(u) max(|u| - half_width, 0)``."""
 
-from typing import Any
-
 import numpy as np
-from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
-
-
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return what is left of the input beyond the dead zone."""
-    u = signal.values
-    return np.sign(u) * np.maximum(np.abs(u) - np.abs(theta[:, :1]), 0.0)
-
 
 EFFECT = InputEffect(
     name="input_dead_zone",
@@ -31,7 +21,9 @@ EFFECT = InputEffect(
         f"let it pass slowly through zero for {10 * m.period_s:.3g} s",
     ),
     acts_everywhere=True,
-    change=change,
+    change=lambda signal, theta: (
+        np.sign(signal.values) * np.maximum(np.abs(signal.values) - np.abs(theta[:, :1]), 0.0)
+    ),
     confusable_with=("input_backlash", "coulomb_friction"),
     mujoco="actuators have no dead zone.",
     title="a dead zone of an input",

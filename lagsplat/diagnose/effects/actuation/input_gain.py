@@ -4,16 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return ``ratio u``."""
-    return np.exp(theta[:, :1]) * signal.values
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -37,7 +31,7 @@ EFFECT = InputEffect(
         f"record {10 * m.period_s:.3g} s of it",
     ),
     acts_everywhere=True,
-    change=change,
+    change=lambda signal, theta: np.exp(theta[:, :1]) * signal.values,
     confusable_with=("mass_change", "linear_stiffness", "viscous_damping", "input_saturation"),
     mujoco=to_mujoco,
     title="another strength of an input",

@@ -9,11 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -26,13 +25,6 @@ SOFT = 0.1  # stiffness at rest, over the motion's mean square rate, below which
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``(ratio - 1)`` times the conservative force of the model, or of a spring ``-omega^2 s``."""
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
-
-
-def scale_potential(
-    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any
-) -> CoefficientBatch:
-    """Multiply the potential by ``ratio``."""
-    return replace(coefficients, potential=coefficients.potential * np.exp(theta[:, :1]))
 
 
 def choose_stiffness_unit(scales: Scales, variant: str) -> float:
@@ -89,7 +81,9 @@ EFFECT = ForceEffect(
     constants=lambda scales, variant: (
         (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
     ),
-    whole=scale_potential,
+    whole=lambda coefficients, theta, model: replace(
+        coefficients, potential=coefficients.potential * np.exp(theta[:, :1])
+    ),
     # a scaled potential keeps its bounds; a spring that is taken away may not
     energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
     report_parameters=_report_parameters,

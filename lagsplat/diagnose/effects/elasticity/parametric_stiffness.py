@@ -5,7 +5,7 @@ Source: Mathieu's equation, Nayfeh and Mook, "Nonlinear Oscillations", 1995, ch.
 
 import math
 
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.external.external_periodic_force import measure_recurrence, place_at_lines
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
@@ -16,11 +16,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-unit s (cosine cos(omega t) + sine sin(omega t))``."""
     return -theta[3] * s * (theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t))
-
-
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate, at the spectral lines of the missing force times the distance from rest."""
-    return place_at_lines(effect, finder, [hints.stiffness_lines_hz for hints in finder.hints])
 
 
 EFFECT = ForceEffect(
@@ -41,7 +36,9 @@ EFFECT = ForceEffect(
         f"{m.periods:.3g} periods",
         f"record {20 * m.period_s:.3g} s of large swings",
     ),
-    place=place,
+    place=lambda effect, finder: place_at_lines(
+        effect, finder, [hint.stiffness_lines_hz for hint in finder.hints]
+    ),
     law=force,
     constants=lambda scales, variant: (scales.of("rate") ** 2,),
     report_parameters=lambda p, placed: {

@@ -44,11 +44,6 @@ def place_at_lines(
     return places
 
 
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
-    return place_at_lines(effect, finder, [hints.lines_hz for hints in finder.hints])
-
-
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
     """Number of cycles in the longest clip, as a share of those from which on a force counts as periodic."""
     longest_s = max(dataset.time[stop - 1] - dataset.time[start] for start, stop in dataset.clips)
@@ -76,7 +71,7 @@ EFFECT = ForceEffect(
         f"{m.periods:.3g} periods, the longest rest {m.rest_periods:.2g}",
         f"record {15 * m.period_s:.3g} s, ten periods of it left at rest",
     ),
-    place=place,
+    place=lambda effect, finder: place_at_lines(effect, finder, [hint.lines_hz for hint in finder.hints]),
     law=force,
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),

@@ -1,10 +1,8 @@
 """Friction that differs between both directions, dry or viscous."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -22,11 +20,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     """Speed over which dry friction is smooth, and what makes a speed a share of the rms, or zero."""
     return (0.02 * scales.velocity, 1.0 / scales.velocity if variant == VISCOUS else 0.0)
-
-
-def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
-    unit = _constants(placed.scales, placed.variant)[1] or 1.0
-    return {name: parameters[name] * unit for name in ("forward", "backward")}
 
 
 EFFECT = ForceEffect(
@@ -51,7 +44,9 @@ EFFECT = ForceEffect(
     law=force,
     constants=_constants,
     passive=True,
-    report_parameters=_report_parameters,
+    report_parameters=lambda p, placed: {
+        name: value * (_constants(placed.scales, placed.variant)[1] or 1.0) for name, value in p.items()
+    },
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     mujoco="friction loss and damping of a joint are the same in both directions.",
     title="friction that differs between both directions",

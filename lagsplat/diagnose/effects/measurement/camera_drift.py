@@ -1,20 +1,8 @@
 """A zero that drifts, as with a camera that sinks: all coordinates shift by ``rate`` a second."""
 
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float64
-
-from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ObservationEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
-    """Return ``y + rate t`` along the direction."""
-    assert placed.direction is not None
-    return placed.direction.shift(y, theta[:, 0, None, None] * t)
-
 
 EFFECT = ObservationEffect(
     name="camera_drift",
@@ -28,7 +16,7 @@ EFFECT = ObservationEffect(
         f"{m.periods:.3g} periods; a drift of the rest looks the same",
         "record a reference that stands still too",
     ),
-    observe=observe,
+    observe=lambda y, v, t, theta, placed: placed.direction.shift(y, theta[:, 0, None, None] * t),
     confusable_with=("parameter_drift",),
     camera="moves while recording",
     title="a zero of the sensor that drifts",
