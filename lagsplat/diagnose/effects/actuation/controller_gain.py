@@ -52,11 +52,9 @@ EFFECT = ForceEffect(
     ),
     needs="steps of the position target",
     excitation=lambda m: make_grade(
-        any(channel.steps >= 3 for channel in m.inputs) and m.periods > 3,
+        any(u.steps >= 3 for u in m.inputs) and m.periods > 3,
         m.driven and m.periods > 3,
-        f"{max(channel.steps for channel in m.inputs)} step(s) of an input"
-        if m.inputs
-        else "no target is recorded",
+        f"{max(u.steps for u in m.inputs)} step(s) of an input" if m.inputs else "no target is recorded",
         ask_for_steps(m),
     ),
     place=place,
