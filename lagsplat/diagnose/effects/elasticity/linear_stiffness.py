@@ -27,15 +27,15 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
 
 
-def choose_stiffness_unit(scales: Scales, variant: str) -> float:
-    """What a ratio is of [1/s^2]: the stiffness at rest, or of the motion for a spring beside hardly any."""
+def choose_spring_unit(scales: Scales) -> float:
+    """What the ratio of a spring is of [1/s^2]: the stiffness at rest, or of the motion beside hardly any."""
     of_motion = scales.of("rate") ** 2
-    return of_motion if variant == SPRING and scales.stiffness <= SOFT * of_motion else scales.stiffness
+    return of_motion if scales.stiffness <= SOFT * of_motion else scales.stiffness
 
 
 def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
     """The ratio; where the model has hardly any stiffness, the stiffness of the added spring."""
-    unit = choose_stiffness_unit(placed.scales, placed.variant)
+    unit = choose_spring_unit(placed.scales)
     if placed.variant != SPRING or unit == placed.scales.stiffness:
         return dict(values)
     return {"added_stiffness": (values["ratio"] - 1.0) * unit}
@@ -51,7 +51,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale gravity, springs and what servos hold with; or add a spring."""
     if element.placed.variant == SPRING:
-        added = (values["ratio"] - 1.0) * choose_stiffness_unit(element.placed.scales, SPRING)
+        added = (values["ratio"] - 1.0) * choose_spring_unit(element.placed.scales)
         return element.add_spring(added * element.inertia * Polynomial([-element.rest, 1.0]))
     ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
     if element.joint is not None and len(element.selection.joints) > 1:
@@ -78,9 +78,7 @@ EFFECT = ForceEffect(
     along="both",
     between_variants=(SPRING,),
     law=force,
-    constants=lambda scales, variant: (
-        (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
-    ),
+    constants=lambda scales, variant: (0.0, choose_spring_unit(scales)) if variant == SPRING else (1.0, 0.0),
     whole=lambda coefficients, theta, model: replace(
         coefficients, potential=coefficients.potential * np.exp(theta[:, :1])
     ),
