@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 from lagsplat.baselines.config import AuthorsConfig, BaselineConfig, ForecasterConfig, OdeConfig
 from lagsplat.chart.config import ChartConfig
-from lagsplat.diagnose.core.config import BlindConfig, CalibrationConfig, DiagnoseConfig
+from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.evaluate.config import EvaluateConfig, ExtrapolationConfig
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.files.tracking import require_tracking
 from lagsplat.matter.config import MatterConfig
 from lagsplat.project import find_project
+from lagsplat.setting_checks import require_least
 from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
@@ -50,6 +51,44 @@ class SystemConfig:
         for name in ("d", "n_gaussians", "batch"):
             if getattr(self, name) < 1:
                 raise ValueError(f"system.{name}={getattr(self, name)} must be at least 1")
+
+
+@dataclass  # not frozen, for the same reason
+class BlindConfig:
+    """A sealed split of the benchmark, and who predicts it."""
+
+    split: str  # name of the split. A revealed one is spent; another name draws another split.
+    keys: str  # folder of the secret keys, one a split, outside of everything that a prediction may read
+    systems: str  # group of mechanisms that the generator draws from
+    t0: int  # recordings that are trajectories [count]; 0 leaves this tier out
+    t1: int  # recordings that are videos [count]; 0 leaves this tier out
+    film_steps: int  # steps of stage 1 on each nominal video [count]
+    film_gaussians: int  # Gaussians that render it [count]
+    batch: int  # recordings in a job [count]
+    left_out: int  # recordings diagnosed again without their effect in the catalogue, at most [count]
+    baselines: list[str]  # other methods in the table
+    reveal: bool  # write the outcome of every recording, after which the split is spent
+
+    def __post_init__(self) -> None:
+        require_least(self, "blind", 0, "t0", "t1", "left_out")
+        if self.t0 + self.t1 == 0:
+            raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
+        require_least(self, "blind", 1, "batch", "film_steps", "film_gaussians")
+        if not self.split.replace("-", "").isalnum():
+            raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")
+
+
+@dataclass  # not frozen, for the same reason
+class CalibrationConfig:
+    """Recordings whose truth is known, on which the probabilities of a verdict are fitted."""
+
+    recordings: int  # recordings in all [count]
+    batch: int  # recordings in a job [count]
+    seed: str  # word that all draws follow from
+    systems: str  # group of mechanisms that the generator draws from
+
+    def __post_init__(self) -> None:
+        require_least(self, "calibration", 1, "recordings", "batch")
 
 
 @dataclass  # not frozen, for the same reason

@@ -72,7 +72,7 @@ class DiagnosisInputs:
         """Effects that a sim fitted to the very recording that is diagnosed has in its parameters already."""
         if self.recordings is None or not self.recordings.same_recording:
             return ()
-        return tuple(effect.name for effect in list_effects() if effect.absorbed_by_fit)
+        return tuple(effect.name for effect in list_effects() if effect.kind == "parameter")
 
     @property
     def tolerances_are_causes(self) -> bool:

@@ -22,7 +22,6 @@ from lagsplat.diagnose.effects.registry import (
     list_names,
     register_effect,
     short_title,
-    unregister_effect,
 )
 from lagsplat.report.diagnosis.summary import name_candidate, title_candidate
 from tests.unit.diagnose.motions import PERIOD_S, swing
@@ -68,7 +67,7 @@ def ratchet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Effect]:
     path = tmp_path_factory.mktemp("effects") / "ratchet.py"
     path.write_text(RATCHET)
     yield register_effect(path)
-    unregister_effect("ratchet")
+    del registry._registered["ratchet"]
 
 
 def test_it_is_in_the_catalogue(ratchet: Effect) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
-from lagsplat.diagnose.effects.base import ForceEffect, InputEffect
+from lagsplat.diagnose.effects.base import ForceEffect, InputEffect, PlacedEffect
 from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields
 from lagsplat.io.mujoco.model import URDF, MujocoSelection, load_mujoco, load_spec
 from lagsplat.io.mujoco.package import get_angle_unit, require_mujoco
@@ -37,8 +37,7 @@ class MujocoElement:
     inertia: float  # reference inertia: diagonal of the mass matrix at rest
     compliance: float  # diagonal of the inverse mass matrix at rest
     rest: float  # coordinate at rest
-    variant: str
-    stiffness: float  # what stiffness ratios of the effect are counted in [1/s^2]
+    placed: PlacedEffect
 
     @property
     def mujoco(self) -> Any:
@@ -150,8 +149,7 @@ def patch_augmented(
             inertia=float(mass[at, at]),
             compliance=float(np.linalg.inv(mass)[at, at]),
             rest=float(simulator.model.rest[at]),
-            variant=placed.variant,
-            stiffness=placed.effect.stiffness_unit(placed.scales, placed.variant),
+            placed=placed,
         )
         effect = placed.effect
         several_joints = element.joint is None and isinstance(effect, ForceEffect) and effect.whole is None

@@ -1,8 +1,8 @@
 """Settings and thresholds of a diagnosis.
 
-`DiagnoseConfig` and `BlindConfig` hold what users set in ``conf/``. The constants after them are every other
-number that can change a verdict, one class a subject, read as ``VERDICT.credible``; no class is
-instantiated. Each number has its unit in brackets (``[1]`` is a ratio) and its source.
+`DiagnoseConfig` holds what users set in ``conf/diagnose``. The constants after it are every other number that
+can change a verdict, one class a subject, read as ``VERDICT.credible``; no class is instantiated. Each number
+has its unit in brackets (``[1]`` is a ratio) and its source.
 
 No number here is the result of a fitted calibration yet. The source is the commit of this repository in which
 a value was set by hand: after a semicolon beside the value, or beside its class for all others. Commits
@@ -64,16 +64,8 @@ class DiagnoseConfig:
         require_joint_unit("diagnose.joint_unit", self.joint_unit)
         positive = ("reference_longest_s", "window_periods", "steps_per_period", "tolerance")
         require_positive(self, "diagnose", *positive, "effective_sample_ratio", "identify_ridge")
-        counts = (
-            "film_d",
-            "max_coupled",
-            "families",
-            "places",
-            "starts",
-            "iterations",
-            "identify_iterations",
-        )
-        require_least(self, "diagnose", 1, *counts)
+        require_least(self, "diagnose", 1, "film_d", "max_coupled", "identify_iterations")
+        require_least(self, "diagnose", 1, "families", "places", "starts", "iterations")
         for name in (*TOLERANCES, "materiality"):
             value = getattr(self, name)
             require_setting(f"diagnose.{name}", value, 0 < value < 1, "must lie between 0 and 1")
@@ -90,44 +82,6 @@ class DiagnoseConfig:
     def without_tolerances(self) -> "DiagnoseConfig":
         """The same with the sim's own parameters as good as certain."""
         return self.scale_tolerances(VERDICT.exactness)
-
-
-@dataclass
-class BlindConfig:
-    """A sealed split of the benchmark, and who predicts it."""
-
-    split: str  # name of the split. A revealed one is spent; another name draws another split.
-    keys: str  # folder of the secret keys, one a split, outside of everything that a prediction may read
-    systems: str  # group of mechanisms that the generator draws from
-    t0: int  # recordings that are trajectories [count]; 0 leaves this tier out
-    t1: int  # recordings that are videos [count]; 0 leaves this tier out
-    film_steps: int  # steps of stage 1 on each nominal video [count]
-    film_gaussians: int  # Gaussians that render it [count]
-    batch: int  # recordings in a job [count]
-    left_out: int  # recordings diagnosed again without their effect in the catalogue, at most [count]
-    baselines: list[str]  # other methods in the table
-    reveal: bool  # write the outcome of every recording, after which the split is spent
-
-    def __post_init__(self) -> None:
-        require_least(self, "blind", 0, "t0", "t1", "left_out")
-        if self.t0 + self.t1 == 0:
-            raise ValueError("blind.t0=0 and blind.t1=0 leave no recording; give one of them a number")
-        require_least(self, "blind", 1, "batch", "film_steps", "film_gaussians")
-        if not self.split.replace("-", "").isalnum():
-            raise ValueError(f"blind.split={self.split!r} names a folder; take letters, digits and hyphens")
-
-
-@dataclass
-class CalibrationConfig:
-    """Recordings whose truth is known, on which the probabilities of a verdict are fitted."""
-
-    recordings: int  # recordings in all [count]
-    batch: int  # recordings in a job [count]
-    seed: str  # word that all draws follow from
-    systems: str  # group of mechanisms that the generator draws from
-
-    def __post_init__(self) -> None:
-        require_least(self, "calibration", 1, "recordings", "batch")
 
 
 # --- Data quality

@@ -17,7 +17,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, ParameterKind, Scales
+from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
@@ -31,8 +32,9 @@ class EffectDescription:
 
     title: str  # completes "the cause is ..."
     kind: Kind = "mechanism"
-    """A number of the simulation that is off, physics that it lacks, something that acts on the mechanism
-    from elsewhere, or sensor and clock; "verdict" for `none` and `unknown`."""
+    """A number of the simulation that is off (which a fit to the same recording absorbs), physics that it
+    lacks, something that acts on the mechanism from elsewhere, or sensor and clock; "verdict" for `none` and
+    `unknown`."""
     what: str  # what the effect is, one sentence
     symptom: str  # how it shows in a recording, one sentence
     remedy: str  # what to do about it, one sentence
@@ -59,8 +61,7 @@ class Effect(EffectDescription):
     parameters: tuple[EffectParameter, ...]
     needs: str = ""  # what a recording must contain to reveal it
     excitation: Callable[..., Grade]
-    """Grades a recording: ``excitation(measures)`` of `ExcitationMeasures`, or for an effect of an input
-    ``excitation(channel, measures)`` with the `InputMeasures` of one input."""
+    """``excitation(measures)`` grades a recording, or ``excitation(channel, measures)`` for one input."""
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
     """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
     nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`, with the
@@ -84,24 +85,18 @@ class Effect(EffectDescription):
     variants: tuple[str, ...] = ("",)
     variant_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of a variant's parameters where it is not that of their kind."""
-    along: Literal["each", "whole", "both"] = "each"
-    """Acts on each coordinate or input, on all at once, or on both; the latter in the first variant alone."""
+    along: Literal["each", "whole", "both", "pairs"] = "each"
+    """Acts on each coordinate or input, on all at once, on both (all at once in the first variant alone), or
+    between each two coordinates."""
     acts_everywhere: bool = False  # may act at all its places at once, with parameters of its own at each
     between_variants: tuple[str, ...] = ()
     """Variants that may also act between two coordinates: in the joint of two bodies."""
     place: Callable[[Any, "PlaceFinder"], list["PlacedEffect"]] | None = None
     """``place(effect, finder)``: the places where it may act, where ``along`` does not say it."""
-    stiffness_unit: Callable[[Scales, str], float] = field(default=lambda scales, variant: scales.stiffness)
-    """What stiffness ratios of a variant are counted in [1/s^2]."""
     report_parameters: Callable[[Mapping[str, float], "PlacedEffect"], dict[str, Any]] | None = None
     """The parameters of a diagnosis, where they are not those fitted; ``times`` by the dataset's clock."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
-
-    @property
-    def absorbed_by_fit(self) -> bool:
-        """Whether a simulation fitted to the same recording has it in its parameters."""
-        return self.kind == "parameter"
 
     @property
     def amplitudes(self) -> int:
@@ -114,10 +109,10 @@ class ForceEffect(Effect):
     """A force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
 
     law: Any
-    n_memory: int = 0
-    memory_start: tuple[str, ...] = ()  # what each memory holds where a clip begins: `zero`, `s` or `v`
-    memory_kinds: tuple[ParameterKind, ...] = ()
-    """What each memory is counted in, if it may begin elsewhere where a clip begins in mid-motion."""
+    excitation: Callable[[ExcitationMeasures], Grade]
+    memory_start: tuple[Literal["zero", "s", "v"], ...] = ()
+    """What each memory holds where a clip begins. What starts as ``s`` or ``v`` may begin elsewhere where a
+    clip begins in mid-motion."""
     free_clips: tuple[int, ...] = ()
     """Clips whose memory begins off ``memory_start`` by what the last parameters say."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
@@ -128,16 +123,22 @@ class ForceEffect(Effect):
     """``whole(coefficients, theta (P, k), model)``: the same on all coordinates, as a change of the model."""
 
     @property
+    def n_memory(self) -> int:
+        """Number of memories of the law."""
+        return len(self.memory_start)
+
+    @property
     def n_law(self) -> int:
         """Number of parameters that the law takes; those after them say where its memory begins."""
         return len(self.parameters) - self.n_memory * len(self.free_clips)
 
     def with_free_memory(self, clips: Sequence[int]) -> "ForceEffect":
         """The same effect with a memory that may begin anywhere in ``clips``."""
+        kinds = {"s": "coordinate", "v": "velocity"}
         beginnings = (
-            EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
+            EffectParameter(f"memory {i} of clip {c}", kinds[start], Normal(1.0), (0.0,))
             for c in clips
-            for i, kind in enumerate(self.memory_kinds)
+            for i, start in enumerate(self.memory_start)
         )
         parameters = (*self.parameters[: self.n_law], *beginnings)
         return replace(self, parameters=parameters, free_clips=tuple(clips))
@@ -159,14 +160,15 @@ class CoefficientBatch:
 class ModelEffect(Effect):
     """A change of the model: ``change(coefficients, theta (P, k), placed, model) -> coefficients``."""
 
-    change: Any
+    change: Callable[..., CoefficientBatch]
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputEffect(Effect):
     """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
 
-    change: Any
+    change: Callable[[Any, np.ndarray], np.ndarray]
+    excitation: Callable[[InputMeasures, ExcitationMeasures], Grade]
     time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
@@ -176,7 +178,8 @@ class InputEffect(Effect):
 class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
-    observe: Any
+    observe: Callable[..., np.ndarray]
+    excitation: Callable[[ExcitationMeasures], Grade]
     kind: Kind = "observation"
     group: str = "G"
     level: Level = "chart"
@@ -282,14 +285,11 @@ class PlacedEffect:
 
     def to_physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""
-        physical = np.zeros(x.shape)
-        if self.parts:
-            split = np.split(x, len(self.parts), axis=1)
-            rows = [part.to_physical(values) for part, values in zip(self.parts, split, strict=True)]
-            return np.concatenate(rows, axis=1)
-        for i, p in enumerate(self.effect.parameters):
-            physical[:, i] = p.prior.value(x[:, i]) * self.scales.of(p.kind)
-        return physical
+        counted = [(p, part.scales) for part in self.parts or (self,) for p in part.effect.parameters]
+        columns = zip(counted, x.T, strict=True)
+        return np.stack(
+            [p.prior.value(column) * scales.of(p.kind) for (p, scales), column in columns], axis=1
+        )
 
     def name_parameters(self, x: Float64[np.ndarray, " k"]) -> dict[str, float]:
         """Parameters by name, in the units of the recording and ratios as such, for unknowns ``x``."""
@@ -362,10 +362,10 @@ class PlaceFinder:
         # a force on the whole of one coordinate is the force along it
         single = isinstance(effect, ForceEffect) and len(self.coordinates) == 1
         for variant in effect.variants:
-            if effect.along != "whole":
+            if effect.along in ("each", "both"):
                 placed += self.find_along_coordinates(effect, variant)
-            if variant in effect.between_variants:
-                placed += self.find_along_pairs(effect, variant)
+            if effect.along == "pairs" or variant in effect.between_variants:
+                placed += self._find_along(effect, variant, self.pairs)
             both = effect.along == "both" and variant == effect.variants[0]
             if effect.along == "whole" or (both and not single):
                 placed.append(PlacedEffect(effect, self.whole, variant))
@@ -375,14 +375,10 @@ class PlaceFinder:
         """The effect along each coordinate, and everywhere at once if it may act so."""
         return _add_joint_placement(self._find_along(effect, variant, self.coordinates))
 
-    def find_along_pairs(self, effect: Effect, variant: str = "") -> list[PlacedEffect]:
-        """The effect along the difference of each two coordinates."""
-        return self._find_along(effect, variant, self.pairs)
-
     def _find_along(
         self, effect: Effect, variant: str, directions: Sequence[Direction]
     ) -> list[PlacedEffect]:
-        if isinstance(effect, ForceEffect) and effect.memory_kinds:
+        if isinstance(effect, ForceEffect) and {*effect.memory_start} & {"s", "v"}:
             effect = effect.with_free_memory(self.longest_clips)
         return [PlacedEffect(effect, self.measure(along, variant), variant, along) for along in directions]
 

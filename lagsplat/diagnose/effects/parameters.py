@@ -6,28 +6,9 @@ A parameter is counted in a unit of the recorded motion (its rms, its speed, its
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-
-ParameterKind = Literal[
-    "acceleration",
-    "drive",
-    "coordinate",
-    "velocity",
-    "time",
-    "rate",
-    "frame",
-    "input",
-    "reach",
-    "ratio",
-    "log_ratio",
-    "per_coordinate",
-    "cubic",
-    "drift",
-    "per_duration",
-    "slowness",
-]
 
 
 @dataclass(frozen=True)
@@ -44,12 +25,12 @@ class Scales:
     input_reach: float = 1.0  # largest absolute value of the input
     drive: float = 1.0  # root mean square of the acceleration that the inputs give [1/s^2]
 
-    def of(self, kind: ParameterKind) -> float:
+    def of(self, kind: str) -> float:
         """The size of one unit of a parameter of ``kind``, in the units of the recording."""
         return PARAMETER_KINDS[kind][1](self)
 
 
-PARAMETER_KINDS: Mapping[ParameterKind, tuple[str, Callable[[Scales], float]]] = {
+PARAMETER_KINDS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     # what moves slowly against a spring is held by far larger forces than its own inertia tells
     "acceleration": ("{q}/s^2", lambda s: max(s.velocity**2 / s.coordinate, s.stiffness * s.coordinate)),
     "drive": ("{q}/s^2", lambda s: s.drive),
@@ -128,7 +109,7 @@ class EffectParameter:
     """One parameter: its key in a diagnosis, what it is counted in, and its prior."""
 
     name: str
-    kind: ParameterKind
+    kind: str  # a key of `PARAMETER_KINDS`
     prior: Normal
     grid: tuple[float, ...] = ()  # values that the search tries first; empty for an amplitude
     label: str = ""  # how it is called in a sentence, by default its name

@@ -67,15 +67,6 @@ def register_effect(source: Effect | str | os.PathLike[str]) -> Effect:
     return effect
 
 
-def unregister_effect(name: str) -> None:
-    """Take an effect that `register_effect` added out of the catalogue.
-
-    Raises:
-        KeyError: no such effect was registered.
-    """
-    del _registered[name]
-
-
 def list_effects() -> list[Effect]:
     """All effects in the order in which people read them: by group, and by number within it.
 

@@ -1,7 +1,8 @@
 """Which experiment to do next: the one that separates the two leading hypotheses most, per second."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from math import ceil
 
@@ -28,30 +29,16 @@ class LeadingPair:
     problem: EstimationProblem
     fits: tuple[FittedHypothesis, FittedHypothesis]
     names: tuple[str, str]
-    noise_inflation: float  # factor on the noise variance [1]
-    window_s: float  # length of the windows that a diagnosis of the experiment would have [s]
-
-    def separate(
-        self, truth: FittedHypothesis, rival: int, experiment: Experiment, *, refit_steps: int
-    ) -> Separation:
-        """The separation of a hypothesis from one of the two fits, by its number."""
-        return compute_separation(
-            self.problem,
-            truth,
-            self.fits[rival],
-            experiment,
-            noise_inflation=self.noise_inflation,
-            window_s=self.window_s,
-            refit_steps=refit_steps,
-        )
+    separate: Callable[..., Separation]
+    """``separate(truth, rival, experiment, refit_steps=...)``: `compute_separation` for this problem."""
 
     def compare(self, experiment: Experiment, *, refit_steps: int) -> tuple[Separation, Separation]:
         """The separation of either fit from the other one."""
-        first, second = (
-            self.separate(fit, 1 - number, experiment, refit_steps=refit_steps)
-            for number, fit in enumerate(self.fits)
+        one, other = self.fits
+        return (
+            self.separate(one, other, experiment, refit_steps=refit_steps),
+            self.separate(other, one, experiment, refit_steps=refit_steps),
         )
-        return first, second
 
     def compare_draws(
         self, experiment: Experiment, rng: np.random.Generator
@@ -61,12 +48,9 @@ class LeadingPair:
         A draw that is off the fit costs its own hypothesis something as well, which is subtracted.
         """
         out = []
-        for number, fit in enumerate(self.fits):
+        for fit, other in (self.fits, self.fits[::-1]):
             drawn = fit.draw(rng, make_joint_prior(fit.effects, self.problem.rollout_model).lowest)
-            own, away = (
-                self.separate(drawn, rival, experiment, refit_steps=EXPERIMENT.refit_steps)
-                for rival in (number, 1 - number)
-            )
+            own, away = (self.separate(drawn, rival, experiment) for rival in (fit, other))
             out.append(replace(away, nats=away.nats - own.nats))
         return out[0], out[1]
 
@@ -110,12 +94,13 @@ def plan_experiments(
 
     Of each kind the best is taken, by its separation per second with the parameters as fitted and a linear
     refit, either hypothesis being true; the best kinds are then judged by a few steps of a refit, with
-    parameters drawn from both fits. ``window_s``
-    is the length of the windows [s] that a diagnosis of a new recording would have.
+    parameters drawn from both fits. ``noise_inflation`` is a factor on the noise variance [1], ``window_s``
+    the length of the windows [s] that a diagnosis of a new recording would have.
     """
     first, second = (FittedHypothesis.of(problem, fit, noise_inflation=noise_inflation) for fit in leaders)
     names = _name_hypothesis(first), _name_hypothesis(second)
-    pair = LeadingPair(problem, (first, second), names, noise_inflation, window_s)
+    separate = partial(compute_separation, problem, noise_inflation=noise_inflation, window_s=window_s)
+    pair = LeadingPair(problem, (first, second), names, separate)
     channels = [e.channel for h in pair.fits for e in h.effects if e.channel is not None]
     best: dict[str, tuple[float, Experiment]] = {}
     model, record = problem.rollout_model.model, problem.dataset

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.core.config import EXPERIMENT
+from lagsplat.diagnose.core.config import EXPERIMENT, PROBLEM
 from lagsplat.diagnose.effects.base import PlacedEffect, drop_recorded_beginnings
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.estimation.dataset import FILE_BREAK_S, Dataset, cut_windows
@@ -110,7 +110,7 @@ def compute_separation(
     if not RecordedRange.of(problem.dataset).holds(states[:, : problem.dataset.d]):
         return Separation(0.0, 0, 0.0, (np.nan, np.nan))
     record, prior = model.dataset, make_joint_prior(rival.effects, model)
-    windows = cut_windows(record, length_s=window_s, min_frames=20)
+    windows = cut_windows(record, length_s=window_s, min_frames=PROBLEM.min_window_frames)
     weight = np.repeat(windows.mask()[..., None], record.d, axis=2) / problem.sigma
     data = shooting.ShootingData(windows.take(record.q), weight, problem.data.start_step)
 

@@ -5,8 +5,7 @@ Source: Islam, Mir and Sebastian, doi:10.1109/TIA.2004.827456.
 
 import math
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -16,13 +15,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``cosine cos(wave_number s) + sine sin(wave_number s)``."""
     return theta[0] * math.cos(theta[2] * s) + theta[1] * math.sin(theta[2] * s)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows where motion passes slowly through many places."""
-    yes = measures.amplitude_ratio > 1.8 and measures.slow_share > 0.05
-    record = f"record slow motion through the whole range for {20 * measures.period_s:.3g} s"
-    return make_grade(yes, measures.periods > 4, describe_swings(measures), record)
 
 
 EFFECT = ForceEffect(
@@ -42,6 +34,12 @@ EFFECT = ForceEffect(
         ),
     ),
     needs="slow motion through many places",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 1.8 and m.slow_share > 0.05,
+        m.periods > 4,
+        describe_swings(m),
+        f"record slow motion through the whole range for {20 * m.period_s:.3g} s",
+    ),
     law=force,
     energy_bounded=lambda p, placed: True,
     report_parameters=lambda p, placed: {
@@ -49,7 +47,6 @@ EFFECT = ForceEffect(
         "pitch": 2.0 * math.pi / p["wave_number"],
     },
     report_units={"pitch": "{q}"},
-    excitation=grade_excitation,
     confusable_with=("cubic_stiffness", "joint_backlash"),
     mujoco="a joint has no force that is periodic in its position.",
     title="cogging of a motor",

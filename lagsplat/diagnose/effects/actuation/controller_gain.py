@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -20,27 +19,14 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return (math.exp(theta[0]) - 1.0) * (drive - theta[2] * (s + theta[3])) - theta[1] * v
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows where the target steps, and where a load holds the joint off it."""
-    steps = max((channel.steps for channel in measures.inputs if channel.moves), default=0)
-    reason = f"{steps} step(s) of an input" if measures.inputs else "no target is recorded"
-    yes, weak = steps >= 3 and measures.periods > 3, measures.driven and measures.periods > 3
-    return make_grade(yes, weak, reason, ask_for_steps(measures))
-
-
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate whose position target is an input."""
-    moving, along, places = (
-        {channel for channel, *_ in finder.inputs},
-        finder.find_along_coordinates(effect),
-        [],
-    )
-    for channel, coordinate, gain in finder.targets:
-        placed = along[coordinate]
-        assert placed.direction is not None
-        if channel in moving:
-            places.append(replace(placed, channel=channel, constants=(gain, placed.direction.rest)))
-    return places
+    moving, along = {channel for channel, *_ in finder.inputs}, finder.find_along_coordinates(effect)
+    return [
+        replace(along[i], channel=channel, constants=(gain, finder.coordinates[i].rest))
+        for channel, i, gain in finder.targets
+        if channel in moving
+    ]
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -65,10 +51,15 @@ EFFECT = ForceEffect(
         EffectParameter("kd", "rate", Normal(0.2), label="kd (real minus simulated)"),
     ),
     needs="steps of the position target",
+    excitation=lambda m: make_grade(
+        any(u.steps >= 3 for u in m.inputs) and m.periods > 3,
+        m.driven and m.periods > 3,
+        f"{max(u.steps for u in m.inputs)} step(s) of an input" if m.inputs else "no target is recorded",
+        ask_for_steps(m),
+    ),
     place=place,
     law=force,
     energy_bounded=lambda p, placed: p["kd"] >= 0.0,
-    excitation=grade_excitation,
     confusable_with=("linear_stiffness", "viscous_damping", "input_gain", "input_lag"),
     mujoco=to_mujoco,
     title="other gains of a position controller",

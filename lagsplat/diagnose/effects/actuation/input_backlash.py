@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from numba import njit
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 
@@ -31,14 +30,6 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
     return out
 
 
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows at every reversal of the input, and as a gap of one width at all sizes."""
-    reason = f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)"
-    record = f"drive it by slow triangles of two sizes for {20 * measures.period_s:.3g} s"
-    yes = channel.reversals >= 8 and channel.levels >= 2
-    return make_grade(yes, channel.reversals >= 4, reason, record)
-
-
 EFFECT = InputEffect(
     name="input_backlash",
     group="C",
@@ -49,9 +40,14 @@ EFFECT = InputEffect(
         EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
     needs="slow reversals of the input at two amplitudes",
+    excitation=lambda channel, m: make_grade(
+        channel.reversals >= 8 and channel.levels >= 2,
+        channel.reversals >= 4,
+        f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)",
+        f"drive it by slow triangles of two sizes for {20 * m.period_s:.3g} s",
+    ),
     change=change,
     report_parameters=lambda p, placed: {"width": p["width"]},
-    excitation=grade_excitation,
     confusable_with=("input_dead_zone", "coulomb_friction"),
     mujoco="actuators have no play; it would need a body between motor and joint.",
     title="play between actuator and mechanism",

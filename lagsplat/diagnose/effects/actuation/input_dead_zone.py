@@ -1,30 +1,10 @@
 """A valve or gear that ignores small inputs: ``u = sign(u) max(|u| - half_width, 0)``."""
 
-from typing import Any
-
 import numpy as np
-from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
-
-
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return what is left of the input beyond the dead zone."""
-    u = signal.values
-    return np.sign(u) * np.maximum(np.abs(u) - np.abs(theta[:, :1]), 0.0)
-
-
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows in small inputs, which get no response."""
-    where = "crosses zero" if channel.crosses_zero else "stays on one side of zero"
-    reason = f"{channel.name} {where}, {100 * channel.small_share:.2g} % of it small"
-    record = f"let it pass slowly through zero for {10 * measures.period_s:.3g} s"
-    yes = channel.crosses_zero and channel.small_share > 0.1
-    return make_grade(yes, channel.small_share > 0.03, reason, record)
-
 
 EFFECT = InputEffect(
     name="input_dead_zone",
@@ -33,9 +13,17 @@ EFFECT = InputEffect(
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
     parameters=(EffectParameter("half_width", "input", log_normal(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
     needs="slow, small inputs through zero",
+    excitation=lambda channel, m: make_grade(
+        channel.crosses_zero and channel.small_share > 0.1,
+        channel.small_share > 0.03,
+        f"{channel.name} {'crosses zero' if channel.crosses_zero else 'stays on one side of zero'}, "
+        f"{100 * channel.small_share:.2g} % of it small",
+        f"let it pass slowly through zero for {10 * m.period_s:.3g} s",
+    ),
     acts_everywhere=True,
-    change=change,
-    excitation=grade_excitation,
+    change=lambda signal, theta: (
+        np.sign(signal.values) * np.maximum(np.abs(signal.values) - np.abs(theta[:, :1]), 0.0)
+    ),
     confusable_with=("input_backlash", "coulomb_friction"),
     mujoco="actuators have no dead zone.",
     title="a dead zone of an input",

@@ -11,7 +11,7 @@ from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
+def delay_input(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
     """Return the input as it was ``delay`` ago; before the first sample of a clip, that sample."""
     return np.stack([signal.at(signal.time - delay) for delay in theta[:, 0]])
 
@@ -34,7 +34,7 @@ EFFECT = InputEffect(
     parameters=(EffectParameter("delay", "time", log_normal(0.3, 1.0), (0.05, 0.2, 0.6, 1.2)),),
     needs="an input with steps, and an event that starts without it",
     acts_everywhere=True,
-    change=change,
+    change=delay_input,
     time_shift="delay",
     excitation=grade_fast_input,
     confusable_with=("time_offset", "input_lag"),

@@ -4,23 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return ``ratio u``."""
-    return np.exp(theta[:, :1]) * signal.values
-
-
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows in every response to the input, in proportion."""
-    reason = f"{channel.name} moves, between {channel.low:.2g} and {channel.high:.2g} natural frequencies"
-    return make_grade(measures.periods > 4, True, reason, f"record {10 * measures.period_s:.3g} s of it")
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -37,9 +24,14 @@ EFFECT = InputEffect(
     equation="u = ratio u_logged",
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="the input logged, with free motion beside it",
+    excitation=lambda channel, m: make_grade(
+        m.periods > 4,
+        True,
+        f"{channel.name} moves, between {channel.low:.2g} and {channel.high:.2g} natural frequencies",
+        f"record {10 * m.period_s:.3g} s of it",
+    ),
     acts_everywhere=True,
-    change=change,
-    excitation=grade_excitation,
+    change=lambda signal, theta: np.exp(theta[:, :1]) * signal.values,
     confusable_with=("mass_change", "linear_stiffness", "viscous_damping", "input_saturation"),
     mujoco=to_mujoco,
     title="another strength of an input",

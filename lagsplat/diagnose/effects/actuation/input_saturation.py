@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.base import Grade, InputEffect
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, LogNormal, log_normal
 
@@ -25,13 +24,6 @@ def change(signal: Any, theta: Float64[np.ndarray, "P 2"]) -> Float64[np.ndarray
     small = np.minimum(size, 1.0 / np.maximum(size, 1e-300))
     given = np.minimum(size, 1.0) / (1.0 + small**sharpness) ** (1.0 / sharpness)
     return np.sign(signal.values) * limit * given
-
-
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows in inputs of several sizes, of which the large ones get too weak a response."""
-    reason = f"{channel.name} peaks at {channel.levels} size(s)"
-    record = f"drive it at three sizes up to its limit, {5 * measures.period_s:.3g} s each"
-    return make_grade(channel.levels >= 3, channel.levels >= 2, reason, record)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -57,9 +49,14 @@ EFFECT = InputEffect(
         EffectParameter("sharpness", "ratio", LogNormal(1.0, math.log(10.0), lowest=0.0), (4.0, 20.0)),
     ),
     needs="inputs on both sides of the limit",
+    excitation=lambda channel, m: make_grade(
+        channel.levels >= 3,
+        channel.levels >= 2,
+        f"{channel.name} peaks at {channel.levels} size(s)",
+        f"drive it at three sizes up to its limit, {5 * m.period_s:.3g} s each",
+    ),
     acts_everywhere=True,
     change=change,
-    excitation=grade_excitation,
     confusable_with=("input_gain",),
     mujoco=to_mujoco,
     title="an actuator at its limit",

@@ -24,8 +24,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
     levels = max((channel.levels for channel in measures.inputs if channel.moves), default=0)
     reason = f"inputs peak at {levels} size(s), slow half-swings {measures.speed_ratio:.2g} times the fast"
     record = f"drive it at three sizes through its natural frequency, {5 * measures.period_s:.3g} s each"
-    yes = levels >= 3 and measures.amplitude_ratio > 1.5
-    return make_grade(measures.driven and yes, measures.driven and levels >= 2, reason, record)
+    return make_grade(levels >= 3 and measures.amplitude_ratio > 1.5, levels >= 2, reason, record)
 
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:

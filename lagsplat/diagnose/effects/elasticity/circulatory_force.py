@@ -3,8 +3,7 @@
 Source: Merkin, "Introduction to the Theory of Stability", 1997, ch. 6, doi:10.1007/978-1-4612-4046-4.
 """
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -24,17 +23,6 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0, rate) if variant == GYROSCOPIC else (rate * rate, 0.0)
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as energy that passes from one coordinate to the other, and not back alike."""
-    yes = measures.periods > 6 and measures.amplitude_ratio > 1.5
-    return make_grade(yes, measures.periods > 3, describe_swings(measures), ask_for_decay(measures))
-
-
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """On each two coordinates."""
-    return [each for variant in effect.variants for each in finder.find_along_pairs(effect, variant)]
-
-
 EFFECT = ForceEffect(
     name="circulatory_force",
     group="F",
@@ -43,9 +31,12 @@ EFFECT = ForceEffect(
     equation="a_1 = coupling s_2, a_2 = -coupling s_1; gyroscopic: v in place of s",
     parameters=(EffectParameter("coupling", "ratio", Normal(0.2)),),
     needs="free motion of both coordinates from several starts",
+    excitation=lambda m: make_grade(
+        m.periods > 6 and m.amplitude_ratio > 1.5, m.periods > 3, describe_swings(m), ask_for_decay(m)
+    ),
     variants=("", GYROSCOPIC),
     variant_units={"": "1/s^2", GYROSCOPIC: "1/s"},
-    place=place,
+    along="pairs",
     law=force,
     crosswise=True,
     constants=_constants,
@@ -54,7 +45,6 @@ EFFECT = ForceEffect(
     report_parameters=lambda p, placed: {
         "coupling": p["coupling"] * sum(_constants(placed.scales, placed.variant))
     },
-    excitation=grade_excitation,
     confusable_with=("linear_stiffness", "viscous_damping"),
     mujoco="springs and dampers of joints act on both coordinates alike.",
     title="a force across two coordinates",

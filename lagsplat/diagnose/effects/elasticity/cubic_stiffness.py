@@ -5,8 +5,7 @@ from typing import Any
 
 from numpy.polynomial import Polynomial
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -16,14 +15,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coefficient s^3``."""
     return -theta[0] * s * s * s
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a frequency that depends on amplitude."""
-    yes = measures.amplitude_ratio > 2.0 and measures.periods > 5
-    weak = measures.amplitude_ratio > 1.3 or measures.driven
-    record = f"record swings at two amplitudes, one twice the other, {8 * measures.period_s:.3g} s each"
-    return make_grade(yes, weak, describe_swings(measures), record)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -40,9 +31,14 @@ EFFECT = ForceEffect(
     equation="a = -coefficient s^3",
     parameters=(EffectParameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 2.0 and m.periods > 5,
+        m.amplitude_ratio > 1.3 or m.driven,
+        describe_swings(m),
+        f"record swings at two amplitudes, one twice the other, {8 * m.period_s:.3g} s each",
+    ),
     law=force,
     energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
-    excitation=grade_excitation,
     confusable_with=("end_stop",),
     mujoco=to_mujoco,
     title="a spring that hardens or softens",

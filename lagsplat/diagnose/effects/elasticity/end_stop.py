@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -35,22 +34,15 @@ def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) ->
     return {"position": position, "stiffness_ratio": parameters["stiffness_ratio"]}
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows where the motion turns on one side, at several speeds."""
-    yes = measures.reversals >= 6 and measures.amplitude_ratio > 1.5
-    record = f"reach the suspected stop at three speeds within {10 * measures.period_s:.3g} s"
-    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), record)
-
-
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Limit the range of the joint on one side, if it has no limit yet."""
-    joint, push = element.joint, float(values["stiffness_ratio"]) * element.stiffness
+    joint, push = element.joint, float(values["stiffness_ratio"]) * element.placed.scales.stiffness
     if push <= 0.0 or element.selection.model.joint(joint.name).limited[0]:
         return ()
     far = 1e3 * (1.0 + abs(values["position"]))
-    edge = element.rest + SIDE[element.variant] * float(values["position"])
+    edge = element.rest + SIDE[element.placed.variant] * float(values["position"])
     joint.limited = int(element.mujoco.mjtLimited.mjLIMITED_TRUE)
-    between = np.array([edge - far, edge] if element.variant == "upper" else [edge, edge + far])
+    between = np.array([edge - far, edge] if element.placed.variant == "upper" else [edge, edge + far])
     joint.range = between / element.angle_unit
     # a negative reference is a stiffness; so low an impedance leaves the other forces as they are
     joint.solref_limit = np.array([-push * element.inertia * element.compliance, -1e-9])
@@ -71,12 +63,17 @@ EFFECT = ForceEffect(
         EffectParameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
     needs="motion past the stop at three speeds",
+    excitation=lambda m: make_grade(
+        m.reversals >= 6 and m.amplitude_ratio > 1.5,
+        m.reversals >= 4,
+        describe_reversals(m),
+        f"reach the suspected stop at three speeds within {10 * m.period_s:.3g} s",
+    ),
     variants=("upper", "lower"),
     law=force,
     constants=lambda scales, variant: (scales.stiffness, SIDE[variant], 0.01 * scales.coordinate),
     passive=True,
     report_parameters=_report_parameters,
-    excitation=grade_excitation,
     confusable_with=("cubic_stiffness",),
     mujoco=to_mujoco,
     title="a stop or a contact on one side",

@@ -3,8 +3,7 @@
 Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780470513200.
 """
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -18,15 +17,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return -theta[0] * z
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a loop of force over position that does not depend on speed."""
-    slow = measures.driven and any(channel.low < 0.4 for channel in measures.inputs)
-    reason = describe_reversals(measures) + (", slow inputs among them" if slow else "")
-    yes = measures.reversals >= 8 and measures.amplitude_ratio > 2.0
-    record = f"record slow cycles at three amplitudes and two speeds, {20 * measures.period_s:.3g} s"
-    return make_grade(yes, measures.reversals >= 6, reason, record)
-
-
 EFFECT = ForceEffect(
     name="hysteresis",
     group="D",
@@ -38,10 +28,15 @@ EFFECT = ForceEffect(
         EffectParameter("displacement", "coordinate", log_normal(0.4, 0.8), (0.15, 0.4, 1.0)),
     ),
     needs="slow cycles at three amplitudes",
+    excitation=lambda m: make_grade(
+        m.reversals >= 8 and m.amplitude_ratio > 2.0,
+        m.reversals >= 6,
+        describe_reversals(m)
+        + (", slow inputs among them" if m.driven and any(channel.low < 0.4 for channel in m.inputs) else ""),
+        f"record slow cycles at three amplitudes and two speeds, {20 * m.period_s:.3g} s",
+    ),
     law=force,
-    n_memory=1,
     memory_start=("zero",),
-    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),
     mujoco="springs of joints have no internal state.",
     title="hysteresis",

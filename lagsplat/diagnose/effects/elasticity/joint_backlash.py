@@ -1,7 +1,6 @@
 """Free play about rest: within ``gap`` of it the spring does not act."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -13,13 +12,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return theta[1] * min(max(s, -theta[0]), theta[0])
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows in the smallest swings."""
-    yes = measures.amplitude_ratio > 3.0 and measures.reversals >= 8
-    weak = measures.amplitude_ratio > 1.8 or measures.slow_share > 0.1
-    return make_grade(yes, weak, describe_swings(measures), ask_for_decay(measures, 15.0))
-
-
 EFFECT = ForceEffect(
     name="joint_backlash",
     group="D",
@@ -28,9 +20,14 @@ EFFECT = ForceEffect(
     equation="a = omega^2 clip(s, -gap, gap)",
     parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
     needs="a decay through small amplitudes",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 3.0 and m.reversals >= 8,
+        m.amplitude_ratio > 1.8 or m.slow_share > 0.1,
+        describe_swings(m),
+        ask_for_decay(m, 15.0),
+    ),
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
-    excitation=grade_excitation,
     mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest.",
     title="free play in a joint",
     what="Around its rest position the joint is loose and nothing pulls it back.",

@@ -9,11 +9,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -28,22 +27,15 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     return (math.exp(theta[0]) - 1.0) * (theta[1] * spring - theta[2] * s)
 
 
-def scale_potential(
-    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], model: Any
-) -> CoefficientBatch:
-    """Multiply the potential by ``ratio``."""
-    return replace(coefficients, potential=coefficients.potential * np.exp(theta[:, :1]))
-
-
-def choose_stiffness_unit(scales: Scales, variant: str) -> float:
-    """What a ratio is of [1/s^2]: the stiffness at rest, or of the motion for a spring beside hardly any."""
+def choose_spring_unit(scales: Scales) -> float:
+    """What the ratio of a spring is of [1/s^2]: the stiffness at rest, or of the motion beside hardly any."""
     of_motion = scales.of("rate") ** 2
-    return of_motion if variant == SPRING and scales.stiffness <= SOFT * of_motion else scales.stiffness
+    return of_motion if scales.stiffness <= SOFT * of_motion else scales.stiffness
 
 
 def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
     """The ratio; where the model has hardly any stiffness, the stiffness of the added spring."""
-    unit = choose_stiffness_unit(placed.scales, placed.variant)
+    unit = choose_spring_unit(placed.scales)
     if placed.variant != SPRING or unit == placed.scales.stiffness:
         return dict(values)
     return {"added_stiffness": (values["ratio"] - 1.0) * unit}
@@ -58,9 +50,9 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale gravity, springs and what servos hold with; or add a spring."""
-    if element.variant == SPRING:
-        added = (values["ratio"] - 1.0) * element.stiffness * element.inertia
-        return element.add_spring(added * Polynomial([-element.rest, 1.0]))
+    if element.placed.variant == SPRING:
+        added = (values["ratio"] - 1.0) * choose_spring_unit(element.placed.scales)
+        return element.add_spring(added * element.inertia * Polynomial([-element.rest, 1.0]))
     ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
     if element.joint is not None and len(element.selection.joints) > 1:
         return () if gravity.any() else element.scale_springs([element.joint], ratio)
@@ -86,13 +78,12 @@ EFFECT = ForceEffect(
     along="both",
     between_variants=(SPRING,),
     law=force,
-    constants=lambda scales, variant: (
-        (0.0, choose_stiffness_unit(scales, variant)) if variant == SPRING else (1.0, 0.0)
+    constants=lambda scales, variant: (0.0, choose_spring_unit(scales)) if variant == SPRING else (1.0, 0.0),
+    whole=lambda coefficients, theta, model: replace(
+        coefficients, potential=coefficients.potential * np.exp(theta[:, :1])
     ),
-    whole=scale_potential,
     # a scaled potential keeps its bounds; a spring that is taken away may not
     energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
-    stiffness_unit=choose_stiffness_unit,
     report_parameters=_report_parameters,
     report_units={"added_stiffness": "1/s^2"},
     excitation=grade_excitation,

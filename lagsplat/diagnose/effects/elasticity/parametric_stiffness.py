@@ -5,8 +5,7 @@ Source: Mathieu's equation, Nayfeh and Mook, "Nonlinear Oscillations", 1995, ch.
 
 import math
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.external.external_periodic_force import measure_recurrence, place_at_lines
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
@@ -17,18 +16,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-unit s (cosine cos(omega t) + sine sin(omega t))``."""
     return -theta[3] * s * (theta[0] * math.cos(theta[2] * t) + theta[1] * math.sin(theta[2] * t))
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows in many swings as sidebands of their frequency."""
-    reason = f"{measures.periods:.3g} periods"
-    record = f"record {20 * measures.period_s:.3g} s of large swings"
-    return make_grade(measures.periods > 15, measures.periods > 6, reason, record)
-
-
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate, at the spectral lines of the missing force times the distance from rest."""
-    return place_at_lines(effect, finder, [hints.stiffness_lines_hz for hints in finder.hints])
 
 
 EFFECT = ForceEffect(
@@ -43,7 +30,15 @@ EFFECT = ForceEffect(
         EffectParameter("angular_frequency", "rate", log_normal(1.5, 0.8), (0.5, 1.0, 2.0, 3.0)),
     ),
     needs="fifteen swings or more",
-    place=place,
+    excitation=lambda m: make_grade(
+        m.periods > 15,
+        m.periods > 6,
+        f"{m.periods:.3g} periods",
+        f"record {20 * m.period_s:.3g} s of large swings",
+    ),
+    place=lambda effect, finder: place_at_lines(
+        effect, finder, [hint.stiffness_lines_hz for hint in finder.hints]
+    ),
     law=force,
     constants=lambda scales, variant: (scales.of("rate") ** 2,),
     report_parameters=lambda p, placed: {
@@ -51,7 +46,6 @@ EFFECT = ForceEffect(
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
     },
     report_units={"depth": "1"},
-    excitation=grade_excitation,
     confusable_with=("external_periodic_force", "parameter_drift"),
     flexible=True,
     recurrence=measure_recurrence,

@@ -5,8 +5,7 @@ from typing import Any
 
 from numpy.polynomial import Polynomial
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -16,14 +15,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``acceleration``."""
     return theta[0]
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a shifted rest position."""
-    rest = f", and at rest for {measures.rest_periods:.2g}" if measures.rest_periods else ""
-    reason = f"{measures.periods:.3g} periods about one middle{rest}"
-    yes = measures.rest_periods > 0.5 or measures.periods > 5
-    return make_grade(yes, measures.periods > 2, reason, ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -39,9 +30,15 @@ EFFECT = ForceEffect(
     equation="a = acceleration",
     parameters=(EffectParameter("acceleration", "acceleration", Normal(0.3)),),
     needs="a stretch at rest",
+    excitation=lambda m: make_grade(
+        m.rest_periods > 0.5 or m.periods > 5,
+        m.periods > 2,
+        f"{m.periods:.3g} periods about one middle"
+        + (f", and at rest for {m.rest_periods:.2g}" if m.rest_periods else ""),
+        ask_for_decay(m),
+    ),
     acts_everywhere=True,
     law=force,
-    excitation=grade_excitation,
     confusable_with=("camera_change", "input_gain"),
     mujoco=to_mujoco,
     title="a constant force or a tilt",

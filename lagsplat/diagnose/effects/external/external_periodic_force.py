@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.core.config import RECURRENCE
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Effect, ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import Effect, ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -33,14 +32,6 @@ def limit_period(effect: Effect, scales: Scales) -> Effect:
     return replace(effect, parameters=(*amplitudes, bounded))
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a spectral line that no input explains, best at rest."""
-    reason = f"{measures.periods:.3g} periods, the longest rest {measures.rest_periods:.2g}"
-    yes = measures.rest_periods > 5 or measures.periods > 15
-    record = f"record {15 * measures.period_s:.3g} s, ten periods of it left at rest"
-    return make_grade(yes, measures.periods > 6, reason, record)
-
-
 def place_at_lines(
     effect: ForceEffect, finder: PlaceFinder, lines_hz: Sequence[Sequence[float]]
 ) -> list[PlacedEffect]:
@@ -51,11 +42,6 @@ def place_at_lines(
         if grid:
             places.append(replace(placed, effect=limit_period(effect, placed.scales), grid=grid))
     return places
-
-
-def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate, at the spectral lines of the force that the simulation lacks."""
-    return place_at_lines(effect, finder, [hints.lines_hz for hints in finder.hints])
 
 
 def measure_recurrence(parameters: Mapping[str, float], dataset: Any, placed: PlacedEffect) -> float:
@@ -79,14 +65,19 @@ EFFECT = ForceEffect(
         EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
     needs="a stretch at rest of ten cycles",
-    place=place,
+    excitation=lambda m: make_grade(
+        m.rest_periods > 5 or m.periods > 15,
+        m.periods > 6,
+        f"{m.periods:.3g} periods, the longest rest {m.rest_periods:.2g}",
+        f"record {15 * m.period_s:.3g} s, ten periods of it left at rest",
+    ),
+    place=lambda effect, finder: place_at_lines(effect, finder, [hint.lines_hz for hint in finder.hints]),
     law=force,
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / (2.0 * math.pi),
         "acceleration": math.hypot(p["cosine"], p["sine"]),
         "harmonic": math.hypot(p["cosine_2"], p["sine_2"]),
     },
-    excitation=grade_excitation,
     confusable_with=("hidden_mode",),
     flexible=True,
     recurrence=measure_recurrence,

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.core.config import RECURRENCE
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -38,13 +37,6 @@ def report_pushes(parameters: Mapping[str, float], placed: PlacedEffect) -> dict
         if abs(parameters[f"acceleration {n}"]) > 0.1 * strongest
     )
     return {"times": [time for time, _ in rows], "accelerations": [a for _, a in rows]}
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It is a single event, which shows wherever the rest of the motion is predicted well."""
-    reason = f"{measures.periods:.3g} periods of motion"
-    record = f"record {10 * measures.period_s:.3g} s or more"
-    return make_grade(measures.periods > 6, measures.periods > 3, reason, record)
 
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
@@ -101,11 +93,16 @@ EFFECT = ForceEffect(
         *(EffectParameter(f"duration {n}", "time", log_normal(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
     ),
     needs="a stretch in which nothing else moves it",
+    excitation=lambda m: make_grade(
+        m.periods > 6,
+        m.periods > 3,
+        f"{m.periods:.3g} periods of motion",
+        f"record {10 * m.period_s:.3g} s or more",
+    ),
     place=place,
     law=force,
     constants=lambda scales, variant: (scales.frame_s,),
     report_parameters=report_pushes,
-    excitation=grade_excitation,
     flexible=True,
     recurrence=measure_recurrence,
     mujoco="it belongs to one recording and is applied in the control loop (xfrc_applied), not in the model.",

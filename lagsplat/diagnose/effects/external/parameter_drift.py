@@ -1,7 +1,6 @@
 """A parameter that changes slowly: the stiffness, or a load, by ``rate`` a second and a quadratic term."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -17,13 +16,6 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.0 if variant == "" else scales.of("acceleration"), scales.duration_s)
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a slow change over the whole recording."""
-    reason = f"{measures.periods:.3g} periods in {measures.clips} clip(s)"
-    record = f"repeat the same motion early and late within {40 * measures.period_s:.3g} s"
-    return make_grade(measures.periods > 25, measures.periods > 8, reason, record)
-
-
 EFFECT = ForceEffect(
     name="parameter_drift",
     group="E",
@@ -35,6 +27,12 @@ EFFECT = ForceEffect(
         EffectParameter("bend", "per_duration", Normal(0.05)),
     ),
     needs="the same motion early and late",
+    excitation=lambda m: make_grade(
+        m.periods > 25,
+        m.periods > 8,
+        f"{m.periods:.3g} periods in {m.clips} clip(s)",
+        f"repeat the same motion early and late within {40 * m.period_s:.3g} s",
+    ),
     variants=("", "load"),
     variant_units={"load": "{q}/s^3"},
     law=force,
@@ -42,7 +40,6 @@ EFFECT = ForceEffect(
     report_parameters=lambda p, placed: {
         "rate": p["rate"] * (_constants(placed.scales, placed.variant)[0] or 1.0)
     },
-    excitation=grade_excitation,
     confusable_with=("creep", "viscous_damping", "linear_stiffness", "camera_drift"),
     mujoco="parameters of a model do not depend on time.",
     title="a property that changes slowly",

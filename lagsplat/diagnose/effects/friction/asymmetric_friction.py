@@ -1,11 +1,8 @@
 """Friction that differs between both directions, dry or viscous."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -25,17 +22,6 @@ def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
     return (0.02 * scales.velocity, 1.0 / scales.velocity if variant == VISCOUS else 0.0)
 
 
-def _report_parameters(parameters: Mapping[str, float], placed: PlacedEffect) -> dict[str, Any]:
-    unit = _constants(placed.scales, placed.variant)[1] or 1.0
-    return {name: parameters[name] * unit for name in ("forward", "backward")}
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows in the losses of both half-swings, and dry friction best where it comes to rest."""
-    yes = measures.reversals >= 8 and measures.amplitude_ratio > 1.8
-    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), ask_for_decay(measures))
-
-
 EFFECT = ForceEffect(
     name="asymmetric_friction",
     group="B",
@@ -47,13 +33,20 @@ EFFECT = ForceEffect(
         EffectParameter("backward", "acceleration", HalfNormal(0.2)),
     ),
     needs="motion in both directions at several speeds",
+    excitation=lambda m: make_grade(
+        m.reversals >= 8 and m.amplitude_ratio > 1.8,
+        m.reversals >= 4,
+        describe_reversals(m),
+        ask_for_decay(m),
+    ),
     variants=("", VISCOUS),
     variant_units={VISCOUS: "1/s"},
     law=force,
     constants=_constants,
     passive=True,
-    report_parameters=_report_parameters,
-    excitation=grade_excitation,
+    report_parameters=lambda p, placed: {
+        name: value * (_constants(placed.scales, placed.variant)[1] or 1.0) for name, value in p.items()
+    },
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     mujoco="friction loss and damping of a joint are the same in both directions.",
     title="friction that differs between both directions",

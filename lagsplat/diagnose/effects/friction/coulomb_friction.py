@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -15,12 +14,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-acceleration sign(v)``, smoothed near zero."""
     return -theta[0] * math.tanh(v / theta[1])
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a step of force at every reversal, best in small swings."""
-    yes = measures.reversals >= 6 and (measures.amplitude_ratio > 2.0 or measures.rest_periods > 0.5)
-    return make_grade(yes, measures.reversals >= 4, describe_reversals(measures), ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -38,12 +31,17 @@ EFFECT = ForceEffect(
     equation="a = -acceleration sign(v)",
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     needs="a decay down to rest, or slow reversals",
+    excitation=lambda m: make_grade(
+        m.reversals >= 6 and (m.amplitude_ratio > 2.0 or m.rest_periods > 0.5),
+        m.reversals >= 4,
+        describe_reversals(m),
+        ask_for_decay(m),
+    ),
     acts_everywhere=True,
     between_variants=("",),
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
     passive=True,
-    excitation=grade_excitation,
     confusable_with=("stribeck_friction", "load_dependent_friction", "hysteresis", "input_dead_zone"),
     mujoco=to_mujoco,
     title="dry friction",

@@ -1,7 +1,6 @@
 """Damping that is stronger about one place: ``Q = -m rate v / (1 + ((s - place) / width)^2)``."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Normal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -12,12 +11,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-rate v`` at ``place``, and half of it ``width`` away."""
     x = (s - theta[1]) / theta[2]
     return -theta[0] * v / (1.0 + x * x)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows where the same place is passed at several speeds."""
-    yes = measures.amplitude_ratio > 1.8 and measures.periods > 6
-    return make_grade(yes, measures.periods > 3, describe_swings(measures), ask_for_decay(measures))
 
 
 EFFECT = ForceEffect(
@@ -32,9 +25,11 @@ EFFECT = ForceEffect(
         EffectParameter("width", "coordinate", log_normal(0.6, 0.6), (0.4, 1.0)),
     ),
     needs="every position passed at several speeds",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 1.8 and m.periods > 6, m.periods > 3, describe_swings(m), ask_for_decay(m)
+    ),
     law=force,
     passive=True,
-    excitation=grade_excitation,
     confusable_with=("viscous_damping", "quadratic_drag"),
     mujoco="the damping of a joint does not depend on its position.",
     title="damping that depends on the position",

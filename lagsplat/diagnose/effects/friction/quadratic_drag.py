@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -14,12 +13,6 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coefficient |v| v``."""
     return -theta[0] * abs(v) * v
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a decay that is faster at large swings."""
-    yes = measures.amplitude_ratio > 3.0 and measures.periods > 4
-    return make_grade(yes, measures.amplitude_ratio > 1.8, describe_swings(measures), ask_for_decay(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -35,10 +28,15 @@ EFFECT = ForceEffect(
     equation="a = -coefficient |v| v",
     parameters=(EffectParameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 3.0 and m.periods > 4,
+        m.amplitude_ratio > 1.8,
+        describe_swings(m),
+        ask_for_decay(m),
+    ),
     acts_everywhere=True,
     law=force,
     passive=True,
-    excitation=grade_excitation,
     confusable_with=("viscous_damping",),
     mujoco=to_mujoco,
     title="drag of air or water",

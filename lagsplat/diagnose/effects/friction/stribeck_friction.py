@@ -5,8 +5,7 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 
 import math
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -17,15 +16,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
     ratio = v / theta[2]
     return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows where sliding begins: friction falls there."""
-    reason = f"{100 * measures.slow_share:.2g} % of the samples creep, {measures.reversals} reversals"
-    yes = measures.slow_share > 0.1 and measures.reversals >= 6
-    weak = measures.slow_share > 0.05 and measures.reversals >= 4
-    record = f"record slow reversals for {20 * measures.period_s:.3g} s, a tenth of the time nearly at rest"
-    return make_grade(yes, weak, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -40,6 +30,12 @@ EFFECT = ForceEffect(
         EffectParameter("velocity", "velocity", log_normal(0.3, 0.8), (0.1, 0.3, 0.8)),
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
+    excitation=lambda m: make_grade(
+        m.slow_share > 0.1 and m.reversals >= 6,
+        m.slow_share > 0.05 and m.reversals >= 4,
+        f"{100 * m.slow_share:.2g} % of the samples creep, {m.reversals} reversals",
+        f"record slow reversals for {20 * m.period_s:.3g} s, a tenth of the time nearly at rest",
+    ),
     between_variants=("",),
     law=force,
     constants=lambda scales, variant: (0.02 * scales.velocity,),
@@ -49,7 +45,6 @@ EFFECT = ForceEffect(
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
     },
-    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on its speed.",
     title="dry friction that sticks",

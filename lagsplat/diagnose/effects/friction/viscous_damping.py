@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect, Grade
+from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
@@ -29,12 +28,6 @@ def add_damping(
     return replace(coefficients, damping=damping)
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a decay that is the same at every amplitude."""
-    yes = measures.amplitude_ratio > 1.8 and measures.periods > 4
-    return make_grade(yes, measures.periods > 3, describe_swings(measures), ask_for_decay(measures))
-
-
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Raise the linear damping of the joint."""
     return element.raise_damping(0, values["rate"])
@@ -48,13 +41,15 @@ EFFECT = ForceEffect(
     equation="a = -rate v",
     parameters=(EffectParameter("rate", "rate", Normal(0.2), label="rate (real minus simulated)"),),
     needs="ring-downs at two amplitudes",
+    excitation=lambda m: make_grade(
+        m.amplitude_ratio > 1.8 and m.periods > 4, m.periods > 3, describe_swings(m), ask_for_decay(m)
+    ),
     along="both",
     acts_everywhere=True,
     between_variants=("",),
     law=force,
     whole=add_damping,
     energy_bounded=lambda p, placed: p["rate"] >= 0.0,
-    excitation=grade_excitation,
     confusable_with=("mass_change", "linear_stiffness", "input_gain", "creep", "quadratic_drag"),
     mujoco=to_mujoco,
     title="another viscous damping than the simulation's",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect, PlaceFinder
+from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -23,19 +23,6 @@ def add_inertia(
     p, mass = placed.direction.covector, coefficients.mass.copy()
     mass[:, 0] += ratio[:, None, None] * placed.direction.inertia * np.outer(p, p)
     return replace(coefficients, mass=mass)
-
-
-def change(
-    coefficients: CoefficientBatch, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect, model: Any
-) -> CoefficientBatch:
-    """Add the inertia of the rotor."""
-    return add_inertia(coefficients, theta[:, 0], placed)
-
-
-def place(effect: ModelEffect, finder: PlaceFinder) -> list[PlacedEffect]:
-    """Along each coordinate; of a single one with constant inertia it is a change of mass."""
-    single = finder.constant_inertia and len(finder.coordinates) == 1
-    return [] if single else finder.find_along_coordinates(effect)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -54,8 +41,13 @@ EFFECT = ModelEffect(
     parameters=(EffectParameter("ratio", "ratio", HalfNormal(0.3), label="ratio (added to simulated)"),),
     needs="slow and fast motion of each joint under known inputs",
     acts_everywhere=True,
-    place=place,
-    change=change,
+    # of a single coordinate with constant inertia it is a change of mass
+    place=lambda effect, finder: (
+        []
+        if finder.constant_inertia and len(finder.coordinates) == 1
+        else finder.find_along_coordinates(effect)
+    ),
+    change=lambda coefficients, theta, placed, model: add_inertia(coefficients, theta[:, 0], placed),
     energy_bounded=lambda p, placed: True,
     excitation=grade_inertia,
     confusable_with=("mass_change", "payload", "linear_stiffness", "input_gain"),

@@ -40,9 +40,7 @@ EFFECT = ForceEffect(
     ),
     needs="broadband motion up to twice its frequency",
     law=force,
-    n_memory=2,
     memory_start=("s", "v"),
-    memory_kinds=("coordinate", "velocity"),
     passive=True,
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / 6.283185307179586,

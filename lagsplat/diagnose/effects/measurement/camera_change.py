@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -19,13 +18,6 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 2"], placed: P
     return along.shift(y, theta[:, 0, None, None] * s + theta[:, 1, None, None])
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """Trajectories alone hardly show it: only a nonlinear law tells a scale."""
-    weak = measures.periods > 3 and (measures.amplitude_ratio > 2.0 or measures.driven)
-    reason = "of coordinates alone only the curvature of the law tells a scale"
-    return make_grade(False, weak, reason, "record a reference that stands still too")
-
-
 EFFECT = ObservationEffect(
     name="camera_change",
     number=4,
@@ -35,9 +27,14 @@ EFFECT = ObservationEffect(
         EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
     needs="a reference that stands still",
+    excitation=lambda m: make_grade(
+        False,
+        m.periods > 3 and (m.amplitude_ratio > 2.0 or m.driven),
+        "of coordinates alone only the curvature of the law tells a scale",
+        "record a reference that stands still too",
+    ),
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
-    excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force"),
     recorded_by="film",
     camera="moved between recordings",

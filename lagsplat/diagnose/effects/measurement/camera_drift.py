@@ -1,27 +1,8 @@
 """A zero that drifts, as with a camera that sinks: all coordinates shift by ``rate`` a second."""
 
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float64
-
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ObservationEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: PlacedEffect) -> Any:
-    """Return ``y + rate t`` along the direction."""
-    assert placed.direction is not None
-    return placed.direction.shift(y, theta[:, 0, None, None] * t)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """Trajectories alone never show it well: a drift of the rest looks the same."""
-    reason = f"{measures.periods:.3g} periods; a drift of the rest looks the same"
-    return make_grade(False, measures.periods > 8, reason, "record a reference that stands still too")
-
 
 EFFECT = ObservationEffect(
     name="camera_drift",
@@ -29,8 +10,13 @@ EFFECT = ObservationEffect(
     equation="y = q + rate t",
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a reference that stands still, or the same motion early and late",
-    observe=observe,
-    excitation=grade_excitation,
+    excitation=lambda m: make_grade(
+        False,
+        m.periods > 8,
+        f"{m.periods:.3g} periods; a drift of the rest looks the same",
+        "record a reference that stands still too",
+    ),
+    observe=lambda y, v, t, theta, placed: placed.direction.shift(y, theta[:, 0, None, None] * t),
     confusable_with=("parameter_drift",),
     camera="moves while recording",
     title="a zero of the sensor that drifts",

@@ -1,18 +1,9 @@
 """A sensor of one coordinate whose scale or zero is off: another count, length or mounting."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, ObservationEffect
+from lagsplat.diagnose.effects.base import ObservationEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.measurement.camera_change import observe
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """A scale shows in large swings of a law that is not linear, or where the input is known."""
-    weak = measures.periods > 3 and (measures.amplitude_ratio > 2.0 or measures.driven)
-    reason = "only the curvature of the law, or a known force, tells a scale"
-    return make_grade(False, weak, reason, "move each joint between two stops whose distance is known")
-
 
 EFFECT = ObservationEffect(
     name="encoder_scale",
@@ -25,12 +16,16 @@ EFFECT = ObservationEffect(
     ),
     needs_all_forces=True,
     needs="two positions that are known from elsewhere",
+    excitation=lambda m: make_grade(
+        False,
+        m.periods > 3 and (m.amplitude_ratio > 2.0 or m.driven),
+        "only the curvature of the law, or a known force, tells a scale",
+        "move each joint between two stops whose distance is known",
+    ),
     observe=observe,
     report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
-    excitation=grade_excitation,
     confusable_with=("input_gain", "constant_force", "mass_change"),
     recorded_by="log",
-    mujoco="it concerns the sensor of the recording, not the mechanism.",
     title="a sensor whose scale or zero is off",
     what="The encoder counts more or less to the turn than assumed, or its zero lies elsewhere.",
     symptom="One coordinate appears stretched or shifted, at rest as well.",

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import Grade, ObservationEffect, PlacedEffect
+from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
@@ -29,22 +28,20 @@ def observe(y: Any, v: Any, t: Any, theta: Float64[np.ndarray, "P 1"], placed: P
     return y + theta[:, 0, None, None, None] ** 2 / 24.0 * second
 
 
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """Trajectories alone hardly show it: fast motion appears smaller."""
-    fast = measures.samples_per_period < 25 or measures.speed_ratio > 2.0
-    reason = f"{measures.samples_per_period:.3g} samples a period"
-    return make_grade(False, fast, reason, "record with a faster sensor or filter")
-
-
 EFFECT = ObservationEffect(
     name="exposure_blur",
     number=6,
     equation="y = mean of q over some time",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
     needs="motion within one sample, and known of the sensor",
+    excitation=lambda m: make_grade(
+        False,
+        m.samples_per_period < 25 or m.speed_ratio > 2.0,
+        f"{m.samples_per_period:.3g} samples a period",
+        "record with a faster sensor or filter",
+    ),
     along="whole",
     observe=observe,
-    excitation=grade_excitation,
     camera="shutter",
     title="a sensor that averages over time",
     what="Each sample is a mean over some time, such as that of a filter.",

@@ -42,9 +42,7 @@ EFFECT = SampleEffect(
     needs="motion that is fast against the noise",
     explain=explain,
     repeats=True,
-    excitation=lambda measures: grade_timing(
-        measures, "record faster swings, or read the sensor's own counter"
-    ),
+    excitation=lambda m: grade_timing(m, "record faster swings, or read the sensor's own counter"),
     mujoco="it concerns the samples of the recording, not the mechanism.",
     title="lost or repeated samples",
     what="Some samples are missing or given twice, and the clock does not say so.",

@@ -60,9 +60,7 @@ EFFECT = SampleEffect(
     parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     explain=explain,
-    excitation=lambda measures: grade_timing(
-        measures, "record faster swings, with the sensor's noise reduced"
-    ),
+    excitation=lambda m: grade_timing(m, "record faster swings, with the sensor's noise reduced"),
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
     title="time stamps that scatter",
     what="Samples are stamped a little early or late at random.",

@@ -3,20 +3,11 @@
 Motion that is stamped late, a negative offset, looks the same as a delay of every input.
 """
 
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float64
-
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
+from lagsplat.diagnose.effects.actuation.input_delay import delay_input
 from lagsplat.diagnose.effects.base import Grade, InputEffect
 from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Return the input as it is ``offset`` later, or earlier if that is negative."""
-    return np.stack([signal.at(signal.time + offset) for offset in theta[:, 0]])
 
 
 def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
@@ -41,7 +32,7 @@ EFFECT = InputEffect(
     ),
     needs="an input with steps, and an event that starts without it",
     along="whole",
-    change=change,
+    change=lambda signal, theta: delay_input(signal, -theta),
     time_shift="offset",
     excitation=grade_excitation,
     confusable_with=("input_delay", "input_lag"),
