@@ -7,7 +7,7 @@ scaled units. Its state (4d,) is position, velocity, latent force and the force'
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from scipy.optimize import minimize
 from scipy.stats import median_abs_deviation
 
@@ -37,6 +37,11 @@ class SmootherData:
     def d(self) -> int:
         """Number of coordinates."""
         return self.y.shape[1]
+
+    @property
+    def ahead(self) -> Int64[np.ndarray, " T"]:
+        """The next sample of each sample's clip; at its end the sample itself."""
+        return np.arange(len(self.h)) + (self.h > 0.0)
 
 
 @dataclass(frozen=True)
