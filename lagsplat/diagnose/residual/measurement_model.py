@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import STATE_MAPS
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import number_blocks
+from lagsplat.diagnose.residual.features import differentiate_clips
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 DIFFERENCE_STEP = 1e-4  # step of central differences, over the standard deviation of a coordinate
@@ -57,13 +58,10 @@ def compute_apparent_forces(
 def _compute_apparent_columns(
     mechanics: MechanicalModel, estimate: LatentForceEstimate
 ) -> Float64[np.ndarray, "n d 3d"]:
-    q, v, a, u, time_s = estimate.q, estimate.v, estimate.a, estimate.motion.u, estimate.motion.time_s
-    jerk = np.zeros_like(a)
-    for start, stop in estimate.motion.segments:
-        if stop - start > 1:
-            jerk[start:stop] = np.gradient(a[start:stop], time_s[start:stop], axis=0)
+    q, v, a, motion = estimate.q, estimate.v, estimate.a, estimate.motion
+    jerk = differentiate_clips(a, motion)
     displacement = q - mechanics.rest
-    elapsed = (time_s - time_s[0])[:, None]
+    elapsed = (motion.time_s - motion.time_s[0])[:, None]
     zero = np.zeros_like(displacement)
     distortions = [
         (displacement**2, 2 * displacement * v, 2 * v**2 + 2 * displacement * a),
@@ -76,7 +74,7 @@ def _compute_apparent_columns(
             unit = np.arange(mechanics.d) == j
             eps = DIFFERENCE_STEP * np.std(q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
             dq, dv = eps * e * unit, eps * rate * unit
-            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, u) for s in (1.0, -1.0))
+            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, motion.u) for s in (1.0, -1.0))
             lacking = bend * unit - (up - down) / (2.0 * eps)
             force = np.einsum("nab,nb->na", mechanics.mass_at(q), lacking)
             columns.append(force / compute_rest_inertia(mechanics))
