@@ -33,10 +33,10 @@ def measure_speed_noise(
     """
     excess, total = [], 0.0
     for estimate in estimates:
-        noise = (estimate.innovation / np.std(estimate.innovation, axis=0)) ** 2
-        speed = estimate.v**2 / np.mean(estimate.v**2, axis=0)
-        excess.append(np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1))
-        total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
+        noise, speed = estimate.innovation**2 / np.var(estimate.innovation, axis=0), estimate.v**2
+        faster = speed / np.mean(speed, axis=0) - 1.0
+        excess.append(np.sum((noise - noise.mean(axis=0)) * faster, axis=1))
+        total += float(np.sum(faster**2))
     sums = np.bincount(number_blocks(estimates, period_s), np.concatenate(excess))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, len(sums)))
     p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + STATE_MAPS.sign_flips)
