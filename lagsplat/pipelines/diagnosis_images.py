@@ -19,7 +19,6 @@ from lagsplat.diagnose.imaging.localization import (
 )
 from lagsplat.diagnose.imaging.rendering import (
     BodyPoints,
-    choose_evenly,
     find_body_points,
     find_nearest_frames,
     read_frames,
@@ -30,6 +29,7 @@ from lagsplat.diagnose.residual.error_budget import compute_stage_shares, foreca
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.diagnose.simulators.fitted_run import convert_to_latents
 from lagsplat.evaluate.forecast import image_errors
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison

@@ -13,7 +13,7 @@ import numpy as np
 from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
-from lagsplat.diagnose.imaging.rendering import choose_evenly, compute_decoding_errors
+from lagsplat.diagnose.imaging.rendering import compute_decoding_errors
 from lagsplat.diagnose.imaging.video_checks import (
     CameraShift,
     check_camera,
@@ -25,6 +25,7 @@ from lagsplat.diagnose.imaging.video_checks import (
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
 from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import label
+from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import IMAGES
-
-FORCE_LAWS = ("constant", "drag")
 
 
 @dataclass(frozen=True)
@@ -63,15 +61,16 @@ def compute_excess_error(
     centre = np.median(excess)
     spread = 1.4826 * np.median(np.abs(excess - centre))
     least = max(IMAGES.pixel_z * spread, 1e-3 * np.max(np.abs(excess)) + 1e-300)
-    numbers, count = label(excess > centre + least)
+    numbers, _ = label(excess > centre + least)
     positive = np.maximum(excess, 0.0)
-    parts = []
-    for number in range(1, count + 1):
-        rows, columns = np.nonzero(numbers == number)
-        if len(rows) >= IMAGES.min_region_pixels:
-            share = float(positive[rows, columns].sum() / positive.sum())
-            left, right = int(columns.min()), int(columns.max()) + 1
-            parts.append((left, int(rows.min()), right, int(rows.max()) + 1, share))
+    pixels, sums = (np.bincount(numbers.ravel(), weights)[1:] for weights in (None, positive.ravel()))
+    parts = [
+        (columns.start, rows.start, columns.stop, rows.stop, float(share))
+        for (rows, columns), count, share in zip(
+            find_objects(numbers), pixels, sums / positive.sum(), strict=True
+        )
+        if count >= IMAGES.min_region_pixels
+    ]
     parts.sort(key=lambda part: -part[4])
     return ExcessError(excess, tuple(parts[: IMAGES.max_regions]))
 
@@ -100,24 +99,25 @@ def localize_force(
     total = np.einsum("ta,tab,tb->", force, weight, force)
     if not total > 0.0:
         raise ValueError("the residual force is zero throughout: there is nothing to place in the image")
-    best, laws, forces = [], [], []
     constant = np.broadcast_to(np.eye(2), (len(force), 2, 2))
+    fits = []
     for p in range(jacobian.shape[1]):
         moved = np.einsum("tac,ta->tc", jacobian[:, p], velocity)
         drag = np.stack([moved, np.linalg.norm(moved, axis=1, keepdims=True) * moved], axis=2)
-        fits = [_fit_law(force, weight, jacobian[:, p], columns) for columns in (constant, drag)]
-        number = int(np.argmin([error for error, _ in fits]))
-        best.append(1.0 - fits[number][0] / total)
-        laws.append(FORCE_LAWS[number])
-        forces.append(fits[number][1])
-    explained = np.array(best)
+        tried = [
+            (*_fit_law(force, weight, jacobian[:, p], columns), law)
+            for law, columns in (("constant", constant), ("drag", drag))
+        ]
+        fits.append(min(tried, key=lambda fit: fit[0]))
+    errors, forces, laws = zip(*fits, strict=True)
+    explained = 1.0 - np.array(errors) / total
     moves = np.abs(jacobian).max(axis=(0, 2, 3)) > 0.0
     localisable = bool(explained.max() - explained[moves].min() >= IMAGES.min_contrast)
-    point = int(np.argmax(explained))
-    near = tuple(int(p) for p in np.flatnonzero(explained >= explained.max() - IMAGES.equivalent_share))
     if not localisable:
-        return ForceLocalization(explained, tuple(laws), False, None, (), np.zeros((0, len(force), 2)))
-    return ForceLocalization(explained, tuple(laws), True, point, near, np.stack([forces[p] for p in near]))
+        return ForceLocalization(explained, laws, False, None, (), np.zeros((0, len(force), 2)))
+    near = tuple(np.flatnonzero(explained >= explained.max() - IMAGES.equivalent_share).tolist())
+    point = int(np.argmax(explained))
+    return ForceLocalization(explained, laws, True, point, near, np.stack([forces[p] for p in near]))
 
 
 def describe_image_region(

@@ -9,13 +9,9 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import IMAGES
 from lagsplat.evaluate.forecast import image_errors
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
-
-
-def choose_evenly(n: int, most: int) -> np.ndarray:
-    """Choose at most ``most`` of ``n`` frame numbers, evenly spaced, the first and the last among them."""
-    return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))
 
 
 def read_frames(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:

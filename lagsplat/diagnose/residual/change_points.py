@@ -68,12 +68,8 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
 
 def compute_sample_weights(estimate: LatentForceEstimate) -> Float64[np.ndarray, " T"]:
     """Time that each sample represents [s]: half a step to either side, inside its clip."""
-    weights = np.zeros(estimate.motion.n)
-    for start, stop in estimate.motion.segments:
-        half = 0.5 * np.diff(estimate.motion.time_s[start:stop])
-        weights[start : stop - 1] += half
-        weights[start + 1 : stop] += half
-    return weights
+    half = 0.5 * np.diff(estimate.motion.time_s) * estimate.motion.joined
+    return np.append(half, 0.0) + np.append(0.0, half)
 
 
 def number_blocks(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:

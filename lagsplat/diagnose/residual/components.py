@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import cache
+from itertools import permutations
 from math import factorial
 
 import numpy as np
@@ -102,28 +103,21 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
     """Share of each group and of what is unexplained, for one coordinate."""
     groups = features.groups[coordinate]
     present = [name for name in FEATURE_GROUPS[:-1] if groups[name].shape[1]]
-    matrices, columns, at = [], {}, 0
-    for name in (*present, "memory"):
-        matrices.append(groups[name])
-        columns[name] = np.arange(at, at + groups[name].shape[1])
-        at += groups[name].shape[1]
-    fit = _FoldedRegression(features, coordinate, np.concatenate(matrices, axis=1))
+    ends = np.cumsum([groups[name].shape[1] for name in FEATURE_GROUPS])
+    columns = dict(zip(FEATURE_GROUPS, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
+    fit = _FoldedRegression(features, coordinate, np.concatenate(list(groups.values()), axis=1))
 
-    def value(names: Sequence[str]) -> float:
-        return fit.score(np.concatenate([columns[name] for name in names])) if names else 0.0
+    @cache
+    def value(names: frozenset[str]) -> float:
+        return fit.score(np.concatenate([np.zeros(0, dtype=int), *(columns[name] for name in sorted(names))]))
 
-    n = len(present)
-    subsets = [names for count in range(n + 1) for names in combinations(present, count)]
-    values = {frozenset(names): value(names) for names in subsets}
     shares = dict.fromkeys(FEATURE_GROUPS, 0.0)
-    for name in present:
-        others = [other for other in present if other != name]
-        for count in range(n):
-            factor = factorial(count) * factorial(n - count - 1) / factorial(n)
-            for names in combinations(others, count):
-                shares[name] += factor * (values[frozenset((*names, name))] - values[frozenset(names)])
-    now = values[frozenset(present)]
-    shares["memory"] = max(0.0, value((*present, "memory")) - now)
+    for order in permutations(present):
+        for k, name in enumerate(order):
+            gain = value(frozenset(order[: k + 1])) - value(frozenset(order[:k]))
+            shares[name] += gain / factorial(len(present))
+    now = value(frozenset(present))
+    shares["memory"] = value(frozenset((*present, "memory"))) - now
     positive = {name: max(0.0, share) for name, share in shares.items()}
     # A group that only adds noise has a negative share; the others are scaled to sum to what is explained.
     sum_now = sum(positive[name] for name in present)
@@ -134,26 +128,22 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
 
 def _score_kernel_regression(features: ResidualFeatures, coordinate: int, columns: np.ndarray) -> float:
     """Share of the residual's square that a kernel regression predicts on left-out folds."""
-    from sklearn.kernel_ridge import KernelRidge  # a second to import, which only this needs
+    # a second to import, which only this needs
+    from sklearn.kernel_ridge import KernelRidge
+    from sklearn.model_selection import PredefinedSplit, cross_val_predict
 
     picked = slice(None, None, max(1, int(np.ceil(len(columns) / COMPONENTS.max_samples))))
-    x, y = columns[picked], features.target[picked, coordinate]
-    spread = np.std(x, axis=0)
-    x = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0]
-    scale = np.std(y)
-    if not x.shape[1] or scale == 0.0:
+    x, y, folds = columns[picked], features.target[picked, coordinate], PredefinedSplit(features.fold[picked])
+    spread, scale = np.std(x, axis=0), np.std(y)
+    x, y = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0], y / (scale or 1.0)
+    if not x.shape[1] or scale == 0.0 or folds.get_n_splits() < 2:
         return 0.0
-    fold, scores = features.fold[picked], []
+    best = 0.0
     for width in COMPONENTS.width_factors:
-        gamma = 0.5 / (width**2 * x.shape[1])
-        error = 0.0
-        for left_out in range(RESIDUAL_FEATURES.folds):
-            test = fold == left_out
-            if test.any() and not test.all():
-                model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=gamma).fit(x[~test], y[~test] / scale)
-                error += float(np.sum((y[test] / scale - model.predict(x[test])) ** 2))
-        scores.append(1.0 - error / float(np.sum((y / scale) ** 2)))
-    return max(0.0, *scores)
+        model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=0.5 / (width**2 * x.shape[1]))
+        missed = y - cross_val_predict(model, x, y, cv=folds)
+        best = max(best, 1.0 - float(missed @ missed / (y @ y)))
+    return best
 
 
 @dataclass(frozen=True)
@@ -179,7 +169,7 @@ def compute_residual_correlations(
     """
     lengths = [stop - start for estimate in estimates for start, stop in estimate.motion.segments]
     u, time_s, *motion = join_signals(estimates, "u", "time_s", "q", "v", "residual")
-    rates = np.concatenate([compute_input_rates(estimate) for estimate in estimates])
+    rates = np.concatenate([compute_input_rates(estimate.motion) for estimate in estimates])
     inputs = {name: u[:, j] for j, name in enumerate(u_names)}
     inputs |= {f"d{name}/dt": rates[:, j] for j, name in enumerate(u_names)}
     names: tuple[str, ...] = ()

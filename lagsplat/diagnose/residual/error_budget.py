@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import ERROR_BUDGET
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
-from lagsplat.stage2.runge_kutta import take_runge_kutta_step
+from lagsplat.diagnose.residual.linearization import integrate_steps
 
 
 @dataclass(frozen=True)
@@ -144,19 +144,13 @@ def forecast_positions(
     d = q.shape[1]
     state = np.concatenate([q, v], axis=1)
     path = [q]
-
-    def slope(x: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[:, d:], mechanics.acceleration(x[:, :d], x[:, d:], inputs)], axis=1)
-
+    nothing = np.zeros((len(q), 3, d))
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(time_s.shape[1] - 1):
             h = time_s[:, k + 1] - time_s[:, k]
+            stages = np.stack([u[:, k], 0.5 * (u[:, k] + u[:, k + 1]), u[:, k + 1]], axis=1)
             count = max(1, int(np.ceil(h.max() / finest_s)))
-            part = (h / count)[:, None]
-            change = u[:, k + 1] - u[:, k]
-            for i in range(count):
-                first, middle, last = (u[:, k] + (i + share) / count * change for share in (0.0, 0.5, 1.0))
-                state = take_runge_kutta_step(slope, state, part, (first, middle, last))
+            state = integrate_steps(mechanics, state, h[:, None], stages, nothing, count)
             path.append(state[:, :d])
     return np.nan_to_num(np.stack(path, axis=1), nan=np.inf)
 

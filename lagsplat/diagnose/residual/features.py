@@ -20,6 +20,7 @@ from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
+from lagsplat.io.trajectory.trajectory import Trajectory
 
 FEATURE_GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exogenous", "memory")
 
@@ -49,7 +50,7 @@ def compute_features(
     q, v, u, time_s, residual, std = join_signals(estimates, "q", "v", "u", "time_s", "residual", "std")
     elapsed = np.concatenate([estimate.motion.time_s - estimate.motion.time_s[0] for estimate in estimates])
     variance = std**2 + (0.05 * np.std(residual, axis=0)) ** 2
-    rates = np.concatenate([compute_input_rates(estimate) for estimate in estimates])
+    rates = np.concatenate([compute_input_rates(estimate.motion) for estimate in estimates])
     fold = _assign_folds(estimates, period_s)
     picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_FEATURES.max_samples))))
     lagged = np.concatenate([_compute_lagged_columns(estimate, period_s) for estimate in estimates])
@@ -80,15 +81,19 @@ def compute_features(
     return ResidualFeatures(picked, residual[picked], weight, fold[picked], tuple(groups))
 
 
-def compute_input_rates(estimate: LatentForceEstimate) -> Float64[np.ndarray, "T n_u"]:
-    """Rates of the inputs, clip by clip; inputs are known, so differencing them adds no noise."""
-    u, time_s = estimate.motion.u, estimate.motion.time_s
-    rates = np.zeros_like(u)
-    for start, stop in estimate.motion.segments:
-        if stop - start > 1 and u.shape[1]:
-            rates[start:stop] = np.gradient(u[start:stop], time_s[start:stop], axis=0)
+def compute_input_rates(motion: Trajectory) -> Float64[np.ndarray, "T n_u"]:
+    """Rates of the inputs; they are known, so differencing them adds no noise."""
     # The rate of a constant input would be rounding errors.
-    return np.where(np.ptp(u, axis=0) > 0.0, rates, 0.0)
+    return np.where(np.ptp(motion.u, axis=0) > 0.0, differentiate_clips(motion.u, motion), 0.0)
+
+
+def differentiate_clips(values: Float64[np.ndarray, "T k"], motion: Trajectory) -> Float64[np.ndarray, "T k"]:
+    """Rates of change of columns within each clip of their motion; zero in a clip of one sample."""
+    rates = np.zeros_like(values)
+    for start, stop in motion.segments:
+        if stop - start > 1 and values.shape[1]:
+            rates[start:stop] = np.gradient(values[start:stop], motion.time_s[start:stop], axis=0)
+    return rates
 
 
 def _scale_columns(columns: np.ndarray) -> np.ndarray:
@@ -132,10 +137,6 @@ def _compute_lagged_columns(estimate: LatentForceEstimate, period_s: float) -> n
 
 def _assign_folds(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
     """Fold of each sample: blocks of `RESIDUAL_FEATURES.block_periods`, assigned to the folds in turn."""
-    elapsed, before = [], 0.0
-    for estimate in estimates:
-        passed = np.cumsum(compute_sample_weights(estimate))
-        elapsed.append(before + passed)
-        before += float(passed[-1])
-    blocks = np.concatenate(elapsed) / (RESIDUAL_FEATURES.block_periods * period_s)
+    elapsed = np.cumsum(np.concatenate([compute_sample_weights(estimate) for estimate in estimates]))
+    blocks = elapsed / (RESIDUAL_FEATURES.block_periods * period_s)
     return blocks.astype(np.int64) % RESIDUAL_FEATURES.folds

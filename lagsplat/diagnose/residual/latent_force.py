@@ -21,14 +21,22 @@ from lagsplat.diagnose.mechanics.model import (
     compute_rest_frequencies_hz,
     compute_rest_inertia,
 )
-from lagsplat.diagnose.residual import state_space
 from lagsplat.diagnose.residual.linearization import (
     LinearSteps,
     StatePath,
     compute_kinematic_steps,
     linearize_steps,
 )
-from lagsplat.diagnose.residual.state_space import ForceVariances, SmoothedPath, SmootherData
+from lagsplat.diagnose.residual.state_space import (
+    FORCE_BOUNDS,
+    ForceVariances,
+    SmoothedPath,
+    SmootherData,
+    compute_force_evidence,
+    guess_variances,
+    maximize_likelihood,
+    smooth_path,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -108,27 +116,41 @@ def estimate_latent_force(
     Source: method of latent forces (Alvarez, Luengo, Lawrence 2009) by state-space smoothing (Hartikainen and
     Sarkka 2012), iterated as by Bell (1994).
     """
-    record = _build_record(mechanics, motions, period_s)
-    inputs = _stack_inputs(motions, hold)
-    start = state_space.guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
-    kinematic = compute_kinematic_steps(record.h, record.d)
-    free = state_space.maximize_likelihood(record, kinematic, start)
-    path = state_space.smooth_path(record, kinematic, free)
+    for motion in motions:
+        if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
+            raise ValueError(
+                f"{motion.source}: {motion.d} coordinates and {motion.n_u} inputs, but the sim has "
+                f"{mechanics.d} and {mechanics.n_u}; give both sides the same columns"
+            )
+    record = _join_positions(motions, np.concatenate([motion.q for motion in motions]), period_s)
+    u = np.concatenate([motion.u for motion in motions])
+    then = u if hold == "zoh" else u[record.ahead]
+    inputs = np.stack([u, 0.5 * (u + then), then], axis=1)
     fastest_s = min([period_s, *(1.0 / compute_rest_frequencies_hz(mechanics, record.scale)[-1:])])
 
-    def steps(at: SmoothedPath, *, with_force: bool) -> LinearSteps:
-        along = _build_path(record, at, inputs, with_force=with_force)
+    def linearize(at: SmoothedPath) -> LinearSteps:
+        q, v, ahead = at.q, at.v, record.ahead
+        middle = 0.5 * (q + q[ahead]) + 0.125 * record.h[:, None] * (v - v[ahead])
+        along = StatePath(record.h, q, v, middle, q[ahead], inputs, at.force_in_step(record.h))
         return linearize_steps(mechanics, along, scale=record.scale, period_s=fastest_s)
 
-    # The model explains most of the acceleration now, so the search starts from a small force.
+    kinematic = compute_kinematic_steps(record.h, record.d)
+    start = guess_variances(record, LATENT_FORCE.length_scales_periods[1] * period_s)
+    free = maximize_likelihood(record, kinematic, start)
+    path = smooth_path(record, kinematic, free)
+    # All of this path's acceleration is its force, most of which the model explains from here on.
+    linear = linearize(replace(path, force=0.0 * path.force, rate=0.0 * path.rate))
     first = replace(free, values=free.values * np.repeat([LATENT_FORCE.start_force_share, 1.0], record.d))
-    linear = steps(path, with_force=False)
-    best = state_space.maximize_likelihood(record, linear, first)
-    linear = steps(state_space.smooth_path(record, linear, best), with_force=True)
-    best, gained = _choose_length_scale(record, linear, best, period_s)
-    path = state_space.smooth_path(record, linear, best)
+    best = maximize_likelihood(record, linear, first)
+    linear = linearize(smooth_path(record, linear, best))
+    best = _choose_length_scale(record, linear, best, period_s)
+    gained = compute_force_evidence(record, linear, best)
+    # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
+    silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
+    best = replace(best, values=np.where(silent, FORCE_BOUNDS[0], best.values))
+    path = smooth_path(record, linear, best)
     for _ in range(LATENT_FORCE.max_iterations):
-        previous, path = path, state_space.smooth_path(record, steps(path, with_force=True), best)
+        previous, path = path, smooth_path(record, linearize(path), best)
         change = np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale
         if np.max(change) < LATENT_FORCE.path_tolerance:
             break
@@ -158,14 +180,8 @@ def smooth_motions(motions: Sequence[Trajectory], *, periods_s: Sequence[float])
             continue
         record = _join_positions(motions, y[:, i : i + 1], period_s)
         steps = compute_kinematic_steps(record.h, 1)
-        fits = [
-            state_space.maximize_likelihood(
-                record, steps, state_space.guess_variances(record, share * period_s)
-            )
-            for share in LATENT_FORCE.length_scales_periods
-        ]
-        best = max(fits, key=lambda fit: fit.log_likelihood)
-        path = state_space.smooth_path(record, steps, best)
+        start = guess_variances(record, period_s)
+        path = smooth_path(record, steps, _choose_length_scale(record, steps, start, period_s))
         columns.append(np.concatenate([path.q, path.v, path.force], axis=1))
     stacked = np.stack(columns, axis=2)  # (T, 3, d)
     ends = np.cumsum([motion.n for motion in motions])[:-1]
@@ -174,28 +190,13 @@ def smooth_motions(motions: Sequence[Trajectory], *, periods_s: Sequence[float])
 
 def _choose_length_scale(
     record: SmootherData, steps: LinearSteps, start: ForceVariances, period_s: float
-) -> tuple[ForceVariances, Float64[np.ndarray, " d"]]:
-    """Variances at the likeliest length scale, with only forces of enough evidence, and the evidence (d,)."""
+) -> ForceVariances:
+    """The likeliest variances at the likeliest length scale."""
     candidates = [
-        state_space.maximize_likelihood(record, steps, replace(start, length_s=share * period_s))
+        maximize_likelihood(record, steps, replace(start, length_s=share * period_s))
         for share in LATENT_FORCE.length_scales_periods
     ]
-    best = max(candidates, key=lambda candidate: candidate.log_likelihood)
-    gained = state_space.compute_force_evidence(record, steps, best)
-    # The likeliest variance is positive in half of all recordings without a force, hence the threshold.
-    silent = np.append(gained < LATENT_FORCE.min_log_likelihood_gain, np.zeros(record.d, dtype=bool))
-    return replace(best, values=np.where(silent, state_space.FORCE_BOUNDS[0], best.values)), gained
-
-
-def _build_record(mechanics: MechanicalModel, motions: Sequence[Trajectory], period_s: float) -> SmootherData:
-    """Positions of all motions, checked against the simulator, with the scales of the state-space model."""
-    for motion in motions:
-        if (motion.d, motion.n_u) != (mechanics.d, mechanics.n_u):
-            raise ValueError(
-                f"{motion.source}: {motion.d} coordinates and {motion.n_u} inputs, but the sim has "
-                f"{mechanics.d} and {mechanics.n_u}; give both sides the same columns"
-            )
-    return _join_positions(motions, np.concatenate([motion.q for motion in motions]), period_s)
+    return max(candidates, key=lambda candidate: candidate.log_likelihood)
 
 
 def _join_positions(
@@ -206,35 +207,13 @@ def _join_positions(
     Raises:
         ValueError: a coordinate never moves.
     """
-    times = np.concatenate([motion.time_s for motion in motions])
-    lengths = [b - a for motion in motions for a, b in motion.segments]
-    starts = np.zeros(len(y), dtype=bool)
-    starts[np.cumsum([0, *lengths[:-1]])] = True
+    time_s = np.concatenate([motion.time_s for motion in motions])
+    starts = np.concatenate([np.append(True, ~motion.joined) for motion in motions])
     scale = np.std(y, axis=0)
     if not np.all(scale > 0.0):
         raise ValueError(f"coordinates {np.flatnonzero(scale == 0.0).tolist()} stand still in every motion")
-    h = np.where(np.append(starts[1:], True), 0.0, np.append(np.diff(times), 0.0))
-    return SmootherData(np.ascontiguousarray(y, dtype=float), starts, h, scale, period_s / (2.0 * np.pi))
-
-
-def _stack_inputs(motions: Sequence[Trajectory], hold: str) -> Float64[np.ndarray, "T 3 n_u"]:
-    """Inputs at the start, middle and end of every step, held or linear between samples."""
-    parts = []
-    for motion in motions:
-        for a, b in motion.segments:
-            now = motion.u[a:b]
-            then = now if hold == "zoh" else np.concatenate([now[1:], now[-1:]])
-            parts.append(np.stack([now, 0.5 * (now + then), then], axis=1))
-    return np.concatenate(parts)
-
-
-def _build_path(record: SmootherData, at: SmoothedPath, inputs: np.ndarray, *, with_force: bool) -> StatePath:
-    """States, inputs and force about which the mechanism is linearised."""
-    q, v = at.q, at.v
-    ahead = np.arange(len(q)) + (record.h > 0.0)
-    middle = 0.5 * (q + q[ahead]) + 0.125 * record.h[:, None] * (v - v[ahead])
-    force = at.force_in_step(record.h) if with_force else np.zeros((len(q), 3, q.shape[1]))
-    return StatePath(record.h, q, v, middle, q[ahead], inputs, force)
+    h = np.append(np.where(starts[1:], 0.0, np.diff(time_s)), 0.0)
+    return SmootherData(y, starts, h, scale, period_s / (2.0 * np.pi))
 
 
 def _split_by_motion(
@@ -245,27 +224,17 @@ def _split_by_motion(
     gained: np.ndarray,
 ) -> list[LatentForceEstimate]:
     """Estimates of the single motions from the path of all; all their numbers are finite."""
-    estimates, start = [], 0
     inertia = compute_rest_inertia(mechanics)
     noise = np.sqrt(path.variances.values[record.d :]) * record.scale
-    for motion in motions:
-        part = slice(start, start + motion.n)
-        start += motion.n
-        q, v, r = path.q[part], path.v[part], path.force[part]
+    ends = np.cumsum([motion.n for motion in motions])[:-1]
+    parts = (np.split(values, ends) for values in (path.q, path.v, path.force, path.covariance))
+    estimates = []
+    for motion, q, v, r, covariance in zip(motions, *parts, strict=True):
         response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
-        estimate = LatentForceEstimate(
-            motion=motion,
-            q=q,
-            v=v,
-            a=mechanics.acceleration(q, v, motion.u) + response,
-            residual=r,
-            covariance=path.covariance[part],
-            innovation=motion.q - q,
-            evidence=gained,
-            noise=noise,
-            length_s=path.variances.length_s,
-        )
-        if not all(np.isfinite(x).all() for x in (v, estimate.a, r, estimate.std)):
+        a = mechanics.acceleration(q, v, motion.u) + response
+        length_s = path.variances.length_s
+        estimate = LatentForceEstimate(motion, q, v, a, r, covariance, motion.q - q, gained, noise, length_s)
+        if not all(np.isfinite(x).all() for x in (v, a, r, estimate.std)):
             raise np.linalg.LinAlgError(
                 "the sim's forces along the motion are not finite; check its units and signs"
             )

@@ -56,20 +56,22 @@ def linearize_steps(
     Raises:
         LinAlgError: the fastest mode needs more than `MAX_SUBSTEPS` of these.
     """
-    d = mechanics.d
-    inertia = compute_rest_inertia(mechanics)
+    d, n = mechanics.d, len(path.h)
+    inertia = np.diag(compute_rest_inertia(mechanics))
     along = (path.q, path.middle, path.end)
-    response = np.stack([np.linalg.solve(mechanics.mass_at(q), np.diag(inertia)) for q in along], axis=1)
-    accelerations = np.einsum("sjab,sjb->sja", response, path.r)
+    response = np.stack([np.linalg.solve(mechanics.mass_at(q), inertia) for q in along], axis=1)
     state = np.concatenate([path.q, path.v], axis=1)
     eps = DIFFERENCE_STEP * np.concatenate([scale, scale * 2.0 * np.pi / period_s])
-    displacements = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
-    count = _count_substeps(path.h, period_s)
-    reached = _integrate_steps(mechanics, state + displacements[:, None, :], path, accelerations, count)
-    phi = np.moveaxis((reached[1 : 2 * d + 1] - reached[2 * d + 1 :]) / (2.0 * eps[:, None, None]), 0, 2)
+    moves = np.concatenate([np.zeros((1, 2 * d)), np.diag(eps), -np.diag(eps)])
+    given = (path.h[:, None], path.u, np.einsum("sjab,sjb->sja", response, path.r))
+    h, u, added = (np.concatenate([values] * len(moves)) for values in given)
+    moved = (state + moves[:, None, :]).reshape(-1, 2 * d)
+    reached = integrate_steps(mechanics, moved, h, u, added, _count_substeps(path.h, period_s))
+    middle, up, down = np.split(reached.reshape(-1, n, 2 * d), [1, 2 * d + 1])
+    phi = np.moveaxis((up - down) / (2.0 * eps[:, None, None]), 0, 2)
     gamma = _compute_simpson_response(response, path.h)
-    offset = reached[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
-    return LinearSteps(np.ascontiguousarray(phi), gamma, offset)
+    offset = middle[0] - np.einsum("sab,sb->sa", phi, state) - np.einsum("sjab,sjb->sa", gamma, path.r)
+    return LinearSteps(phi, gamma, offset)
 
 
 def _count_substeps(h: np.ndarray, period_s: float) -> int:
@@ -100,29 +102,27 @@ def _compute_simpson_response(response: np.ndarray, h: np.ndarray) -> np.ndarray
     return np.concatenate([h * to_position[:, None, None] * rows, to_velocity[:, None, None] * rows], axis=2)
 
 
-def _integrate_steps(
-    mechanics: MechanicalModel, state: np.ndarray, path: StatePath, outside: np.ndarray, count: int
-) -> np.ndarray:
-    """Integrate all steps from ``state`` (moves, S, 2d), each by ``count`` Runge-Kutta steps.
+def integrate_steps(
+    mechanics: MechanicalModel,
+    state: Float64[np.ndarray, "N 2d"],
+    h: Float64[np.ndarray, "N 1"],
+    u: Float64[np.ndarray, "N 3 n_u"],
+    added: Float64[np.ndarray, "N 3 d"],
+    count: int,
+) -> Float64[np.ndarray, "N 2d"]:
+    """Positions and velocities after steps of lengths ``h`` [s], by ``count`` Runge-Kutta steps in each.
 
-    The inputs and the accelerations ``outside`` (S, 3, d) of the additional force follow parabolas in a step.
+    Inputs ``u`` and additional accelerations ``added``, given at start, middle and end, follow parabolas.
     """
-    d = state.shape[-1] // 2
-    part = (path.h / count)[:, None]
-
-    def at(values: np.ndarray, phase: float) -> np.ndarray:
-        first = values[:, 0] * (1 - phase) * (1 - 2 * phase)
-        middle = values[:, 1] * 4 * phase * (1 - phase)
-        return first + middle + values[:, 2] * phase * (2 * phase - 1)
+    d = mechanics.d
 
     def slope(x: np.ndarray, phase: float) -> np.ndarray:
-        q, v = x[..., :d], x[..., d:]
-        inputs = np.broadcast_to(at(path.u, phase), (*x.shape[:-1], path.u.shape[-1]))
-        rows = int(np.prod(x.shape[:-1]))  # stated, because none can be inferred without inputs
-        acceleration = mechanics.acceleration(*(x.reshape(rows, x.shape[-1]) for x in (q, v, inputs)))
-        return np.concatenate([v, acceleration.reshape(q.shape) + at(outside, phase)], axis=-1)
+        weights = [(1 - phase) * (1 - 2 * phase), 4 * phase * (1 - phase), phase * (2 * phase - 1)]
+        inputs, more = (np.einsum("njc,j->nc", values, weights) for values in (u, added))
+        acceleration = mechanics.acceleration(x[:, :d], x[:, d:], inputs) + more
+        return np.concatenate([x[:, d:], acceleration], axis=1)
 
     for step in range(count):
-        start, middle, end = ((step + part_) / count for part_ in (0.0, 0.5, 1.0))
-        state = take_runge_kutta_step(slope, state, part, (start, middle, end))
+        start, middle, end = ((step + share) / count for share in (0.0, 0.5, 1.0))
+        state = take_runge_kutta_step(slope, state, h / count, (start, middle, end))
     return state

@@ -146,13 +146,11 @@ def _acts_beyond_usual_positions(
 
 def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:
     """Regions by coordinate, in the order of ``names``, as plain values."""
-    by_name: dict[str, list] = {name: [] for name in names}
+    found: dict[str, list] = {name: [] for name in names}
     for region in regions:
         values = asdict(region)
-        name = names[values.pop("coordinate")]
-        bounds = {key: values[key] and list(values[key]) for key in ("position", "velocity")}
-        by_name[name].append(values | bounds)
-    return {name: described for name, described in by_name.items() if described}
+        found[names[values.pop("coordinate")]].append(values)
+    return {name: described for name, described in found.items() if described}
 
 
 def _decide_level(

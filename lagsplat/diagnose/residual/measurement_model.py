@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.core.config import STATE_MAPS
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import number_blocks
+from lagsplat.diagnose.residual.features import differentiate_clips
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 
 DIFFERENCE_STEP = 1e-4  # step of central differences, over the standard deviation of a coordinate
@@ -32,10 +33,10 @@ def measure_speed_noise(
     """
     excess, total = [], 0.0
     for estimate in estimates:
-        noise = (estimate.innovation / np.std(estimate.innovation, axis=0)) ** 2
-        speed = estimate.v**2 / np.mean(estimate.v**2, axis=0)
-        excess.append(np.sum((noise - noise.mean(axis=0)) * (speed - speed.mean(axis=0)), axis=1))
-        total += float(np.sum((speed - speed.mean(axis=0)) ** 2))
+        noise, speed = estimate.innovation**2 / np.var(estimate.innovation, axis=0), estimate.v**2
+        faster = speed / np.mean(speed, axis=0) - 1.0
+        excess.append(np.sum((noise - noise.mean(axis=0)) * faster, axis=1))
+        total += float(np.sum(faster**2))
     sums = np.bincount(number_blocks(estimates, period_s), np.concatenate(excess))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (STATE_MAPS.sign_flips, len(sums)))
     p = (1.0 + np.sum(signs @ sums >= sums.sum())) / (1.0 + STATE_MAPS.sign_flips)
@@ -57,13 +58,10 @@ def compute_apparent_forces(
 def _compute_apparent_columns(
     mechanics: MechanicalModel, estimate: LatentForceEstimate
 ) -> Float64[np.ndarray, "n d 3d"]:
-    q, v, a, u, time_s = estimate.q, estimate.v, estimate.a, estimate.motion.u, estimate.motion.time_s
-    jerk = np.zeros_like(a)
-    for start, stop in estimate.motion.segments:
-        if stop - start > 1:
-            jerk[start:stop] = np.gradient(a[start:stop], time_s[start:stop], axis=0)
+    q, v, a, motion = estimate.q, estimate.v, estimate.a, estimate.motion
+    jerk = differentiate_clips(a, motion)
     displacement = q - mechanics.rest
-    elapsed = (time_s - time_s[0])[:, None]
+    elapsed = (motion.time_s - motion.time_s[0])[:, None]
     zero = np.zeros_like(displacement)
     distortions = [
         (displacement**2, 2 * displacement * v, 2 * v**2 + 2 * displacement * a),
@@ -76,7 +74,7 @@ def _compute_apparent_columns(
             unit = np.arange(mechanics.d) == j
             eps = DIFFERENCE_STEP * np.std(q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
             dq, dv = eps * e * unit, eps * rate * unit
-            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, u) for s in (1.0, -1.0))
+            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, motion.u) for s in (1.0, -1.0))
             lacking = bend * unit - (up - down) / (2.0 * eps)
             force = np.einsum("nab,nb->na", mechanics.mass_at(q), lacking)
             columns.append(force / compute_rest_inertia(mechanics))

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.ndimage import label
+from scipy.ndimage import generate_binary_structure, label
 
 from lagsplat.diagnose.core.config import STATE_MAPS
 from lagsplat.diagnose.residual.change_points import compute_sample_weights, number_blocks
@@ -15,6 +15,9 @@ from lagsplat.diagnose.residual.latent_force import (
     compute_relative_squares,
     join_signals,
 )
+
+WITHIN_MAP = generate_binary_structure(2, 1)[None] & np.array([False, True, False])[:, None, None]
+"""Bins that touch each other, for `scipy.ndimage.label` of a stack of maps."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,8 @@ def find_state_regions(
         share = np.bincount(at, weight * square[:, i], minlength=bins).reshape(shape)
         if n_blocks >= STATE_MAPS.min_blocks:
             flipped = (signs @ sums / spread).reshape(-1, *shape)
-            heaviest = np.array([_find_heaviest_cluster(scores) for scores in flipped])
             tests = len(coordinates) * len(shapes)
-            regions += _select_regions(maps[-1], share / share.sum(), heaviest, tests)
+            regions += _select_regions(maps[-1], share / share.sum(), flipped, tests)
     return sorted(regions, key=lambda region: -region.share), maps
 
 
@@ -96,44 +98,45 @@ def _assign_bins(
     return edges, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
 
 
-def _find_clusters(score: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Connected bins of one sign whose scores are large, with their summed scores."""
-    clusters = []
+def _find_clusters(
+    scores: Float64[np.ndarray, "M P V"],
+) -> tuple[Int64[np.ndarray, "M P V"], Float64[np.ndarray, " clusters"]]:
+    """Number of each bin's cluster in M maps, 0 outside of any, and the summed size of scores by number.
+
+    A cluster is connected bins of one map and one sign whose scores are large.
+    """
+    numbers = np.zeros(scores.shape, dtype=np.int64)
     for sign in (1.0, -1.0):
-        numbers, count = label(sign * score > STATE_MAPS.cluster_standard_errors)
-        if count:
-            masses = np.bincount(numbers.ravel(), (sign * score).ravel())
-            clusters += [(numbers == number, float(masses[number])) for number in range(1, count + 1)]
-    return clusters
-
-
-def _find_heaviest_cluster(score: np.ndarray) -> float:
-    """Largest summed score of any cluster, zero without one."""
-    return max((mass for _, mass in _find_clusters(score)), default=0.0)
+        found, _ = label(sign * scores > STATE_MAPS.cluster_standard_errors, WITHIN_MAP)
+        numbers += np.where(found > 0, found + numbers.max(), 0)
+    mass = np.bincount(numbers.ravel(), np.abs(scores).ravel())
+    mass[0] = 0.0
+    return numbers, mass
 
 
 def _select_regions(
-    state_map: StateMap, share: np.ndarray, heaviest: np.ndarray, tests: int
+    state_map: StateMap, share: np.ndarray, flipped: Float64[np.ndarray, "M P V"], tests: int
 ) -> list[StateRegion]:
     """Clusters of a map that are larger than chance makes them.
 
     Args:
         state_map: the map.
         share: of the residual in each bin.
-        heaviest: score of the largest cluster under each pattern of random signs.
+        flipped: scores under each pattern of random signs.
         tests: number of maps tested, for Bonferroni's correction.
     """
+    chance, masses = _find_clusters(flipped)
+    heaviest = masses[chance].max(axis=(1, 2))
+    numbers, masses = _find_clusters(state_map.score[None])
     regions = []
-    for inside, mass in _find_clusters(state_map.score):
-        p = min(1.0, tests * (1.0 + np.sum(heaviest >= mass)) / (1.0 + len(heaviest)))
+    for number in range(1, len(masses)):
+        inside = numbers[0] == number
+        p = min(1.0, tests * (1.0 + np.sum(heaviest >= masses[number])) / (1.0 + len(heaviest)))
         if p > STATE_MAPS.significance:
             continue
-        bounds = []
-        for axis, edges in ((1, state_map.position_edges), (0, state_map.velocity_edges)):
-            bins = np.flatnonzero(inside.any(axis=axis))
-            bounds.append((float(edges[bins[0]]), float(edges[bins[-1] + 1])))
-        position, velocity = bounds[0], None if len(state_map.velocity_edges) == 2 else bounds[1]
+        bins = zip((state_map.position_edges, state_map.velocity_edges), np.nonzero(inside), strict=True)
+        position, velocity = ((float(edges[at.min()]), float(edges[at.max() + 1])) for edges, at in bins)
+        kept = None if len(state_map.velocity_edges) == 2 else velocity
         mean, inner_share = float(np.mean(state_map.mean[inside])), float(share[inside].sum())
-        region = StateRegion(state_map.coordinate, position, velocity, mean, inner_share, float(p))
-        regions.append(region)
+        regions.append(StateRegion(state_map.coordinate, position, kept, mean, inner_share, float(p)))
     return regions

@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from lagsplat.diagnose.imaging.rendering import (
-    choose_evenly,
     compute_decoding_errors,
     find_body_points,
     read_frames,
     render_latents,
 )
+from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.report.figures.forces import turn_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.solid import turning
