@@ -23,7 +23,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differe
 from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
 from lagsplat.diagnose.identification.structure_search import identify_model
 from lagsplat.diagnose.mechanics.structure import list_free_directions
-from lagsplat.diagnose.simulators.sources import find_sources, read_sources
+from lagsplat.io.sources import find_sources, read_sources
 
 REPEATS = 5
 

@@ -41,6 +41,7 @@ ROOMS = (
     "io.mujoco",
     "io.krauss",
     "io.read",
+    "io.sources",
     "views",
     "splat",
     "systems",

@@ -14,10 +14,10 @@ from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.mujoco_model import project_mujoco
 from lagsplat.diagnose.simulators.projection import ProjectedModel
 from lagsplat.diagnose.simulators.python_model import load_python, project_python
-from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.mujoco.model import load_mujoco
+from lagsplat.io.sources import find_sources
 
 AUGMENTED_FILE = "augmented.safetensors"
 MODELS = ("run", "model", "mujoco", "python")  # kinds of sources that are simulators, not recordings

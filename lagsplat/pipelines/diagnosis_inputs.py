@@ -26,7 +26,8 @@ from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimula
 from lagsplat.diagnose.inference.recalibration import calibrate_misfit, recalibrate_simulator
 from lagsplat.diagnose.simulators.joint_models import JointModel, build_joint_models, find_motors
 from lagsplat.diagnose.simulators.mujoco_model import check_urdf
-from lagsplat.diagnose.simulators.sources import (
+from lagsplat.io.mujoco.model import find_position_targets, load_mujoco
+from lagsplat.io.sources import (
     VIDEO_KINDS,
     DataSource,
     adopt_names,
@@ -34,7 +35,6 @@ from lagsplat.diagnose.simulators.sources import (
     prefer_numbers,
     read_sources,
 )
-from lagsplat.io.mujoco.model import find_position_targets, load_mujoco
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.pipelines.apply_diagnosis import MODELS, sample_simulator
 

@@ -24,11 +24,11 @@ from lagsplat.diagnose.imaging.video_checks import (
 )
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
-from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.io.read import read_recording, read_trajectory
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
+from lagsplat.io.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.io.video.read import SAME_SHAPE
 from lagsplat.runs.run import FittedRun, open_run

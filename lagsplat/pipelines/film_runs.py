@@ -17,13 +17,13 @@ from lagsplat.config.schema import Config
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.imaging.video_checks import drop_unusable_frames
-from lagsplat.diagnose.simulators.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.files.atomic import sha256_of
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.io.recording.segments import split_train_held_out
 from lagsplat.io.robot_log.survey import survey_log
+from lagsplat.io.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.video.clips import find_clips
 from lagsplat.io.video.decode import read_frame_size
 from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings

@@ -13,11 +13,11 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.simulators.sources import DataSource
 from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
 from lagsplat.io.files.artifact import read_header
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.sources import DataSource
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.video_quality.assessment import CAMERA_PX
 from lagsplat.video_quality.camera_motion import measure_path, track_background

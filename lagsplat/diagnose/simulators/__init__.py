@@ -1,4 +1,4 @@
-"""Simulators that are given as a program, and what the arguments ``sim`` and ``real`` name.
+"""Simulators that are given as a program, a model file or a fitted run.
 
 Each kind is evaluated at points of the recorded region, and the result is fitted as a `MechanicalModel`.
 """

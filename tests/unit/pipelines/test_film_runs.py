@@ -15,8 +15,8 @@ from lagsplat.cli.main import main
 from lagsplat.config.compose import ConfigError, compose
 from lagsplat.config.schema import Config
 from lagsplat.diagnose.core.config import DiagnoseConfig
-from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.io.sources import find_sources
 from lagsplat.pipelines import diagnosis_videos, film_runs
 from lagsplat.pipelines.diagnosis_inputs import open_diagnosis_inputs
 from lagsplat.pipelines.diagnosis_videos import open_recording_pair

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.read import read_trajectory
+from lagsplat.io.sources import find_sources
 from lagsplat.io.trajectory.hdf5 import survey_hdf5
 from lagsplat.report.inspection.dataset import describe_hdf5
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from lagsplat.diagnose.simulators.sources import find_sources
 from lagsplat.io.read import read_trajectory
+from lagsplat.io.sources import find_sources
 
 TIME_S = np.arange(5) * 0.1
 Q = np.arange(10.0).reshape(5, 2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lagsplat
-from lagsplat.diagnose.simulators.sources import find_sources, read_sources
+from lagsplat.io.sources import find_sources, read_sources
 from lagsplat.io.trajectory.sysid_series import CONTROL, POSITION, Signal, write_series
 
 sysid = pytest.importorskip("mujoco.sysid")

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.sources import find_sources, read_sources
 from lagsplat.io.robot_log.write import read_session
+from lagsplat.io.sources import find_sources, read_sources
 from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.session_export import draw_drag_arrow, export_session, load_history
 from tests.unit.viewer.sessions import plate, session, strip

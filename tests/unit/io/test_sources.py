@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.simulators.sources import (
+from lagsplat.io.files.artifact import save_artifact
+from lagsplat.io.read import read_trajectory
+from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.io.sources import (
     DataSource,
     adopt_names,
     find_sources,
     prefer_numbers,
     read_sources,
 )
-from lagsplat.io.files.artifact import save_artifact
-from lagsplat.io.read import read_trajectory
-from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.io.robot_log.bag_files import (
     STORAGES,
@@ -170,7 +170,7 @@ def test_what_is_not_known_is_said(tmp_path: Path) -> None:
         read_sources([DataSource("video", "bag.mp4")])
 
 
-DATASET = Path(__file__).parents[2] / "io" / "lerobot" / "data" / "v30"
+DATASET = Path(__file__).parent / "lerobot" / "data" / "v30"
 
 
 @pytest.mark.filterwarnings("ignore:v30. joints are converted")
