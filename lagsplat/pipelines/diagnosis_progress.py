@@ -26,7 +26,7 @@ def count_steps(config: DiagnoseConfig) -> int:
     """
     known = len(set(catalogue()) - set(config.without))
     singles = min(2 * config.families + len(config.always_fitted), known)
-    others = min(max(3, config.families // 2), known)
+    others = min(max(SELECTION.min_families, config.families // 2), known)
     return len(STAGES) + singles + (SELECTION.max_first_effects + SELECTION.max_effects - 2) * others
 
 

@@ -447,6 +447,7 @@ class SELECTION:
 
     tested_windows: int = 12  # windows on which effects are tested and tried, at most [count]
     trial_iterations: int = 4  # iterations after which fits are compared and poor ones given up; 9b038105
+    min_families: int = 3  # effects that are tried beside another, at least [count]; 0e95f8e
     continued_sets: int = 2  # best fits that are continued where a further effect is sought [count]; 9b038105
     refined_sets: int = 1  # of these, fits that are refined to convergence [count]; 9b038105
     refined_fits: int = 3  # best fits that are refined to convergence [count]; c12aa78

@@ -100,13 +100,7 @@ def combine_effects(
     if not singles:
         return (), ()
     firsts = [fit for fit in singles if fit.effects[-1].changes_motion]
-    families = max(3, budget.config.families // 2)
-    narrow = replace(
-        budget,
-        config=replace(budget.config, families=families, places=1, starts=1, always_fitted=[]),
-        continued=SELECTION.continued_sets,
-        refined=SELECTION.refined_sets,
-    )
+    narrow = budget.narrow(continued=SELECTION.continued_sets, refined=SELECTION.refined_sets)
     ratio, freedom = budget.effective_sample_ratio, problem.degrees_of_freedom
     chain = [singles[0]]
     rivals: list[HypothesisFit] = []

@@ -33,6 +33,12 @@ class SearchBudget:
         """Samples of a residual that count as one independent sample, at least [1]."""
         return max(self.config.effective_sample_ratio, self.correlation)
 
+    def narrow(self, *, continued: int, refined: int) -> "SearchBudget":
+        """Half of the effects, those with the best score tests, each at one place and from one start."""
+        families = max(SELECTION.min_families, self.config.families // 2)
+        config = replace(self.config, families=families, places=1, starts=1, always_fitted=[])
+        return replace(self, config=config, continued=continued, refined=refined)
+
 
 @dataclass(frozen=True)
 class ModelRanking:

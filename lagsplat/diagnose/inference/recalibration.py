@@ -109,9 +109,10 @@ def calibrate_null_evidence(
         targets=config.targets,
         computed=reference.computed,
     )
-    # only the best counts: the others are not fitted to their end
-    budget = SearchBudget(config, max(1.0, sim.misfit), continued=SELECTION.refined_fits)
-    found = rank_hypotheses(problem, candidates, budget, report_progress=report_progress).found
+    # only the best counts, and so small an effect gains what its score test says
+    budget = SearchBudget(config, max(1.0, sim.misfit))
+    narrow = budget.narrow(continued=SELECTION.refined_fits, refined=SELECTION.refined_fits)
+    found = rank_hypotheses(problem, candidates, narrow, report_progress=report_progress).found
     gained = max((fit.log_evidence for fit in found), default=0.0)
     return RECALIBRATION.null_evidence_factor * max(gained, 0.0) * duration_ratio
 

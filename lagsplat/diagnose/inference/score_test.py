@@ -50,12 +50,14 @@ def score_test(
     linear = shooting.differentiate_predictions(
         problem.predict(effects), there.x, there.starts, problem.data, prior.step
     )
+    # a change is a difference of two rollouts, whose errors of integration cancel
+    coarse = problem.with_steps(-(-problem.rollout_model.steps // 2))
     scores = []
     for candidate in candidates:
         if not candidate.changes_motion:
             continue
         n, tried = candidate.effect.amplitudes, []
-        for x, change in _trial_changes(problem, effects, there, candidate):
+        for x, change in _trial_changes(coarse, effects, there, candidate):
             gain, amount = _score_gain(there, linear, prior, change, candidate)
             if n:
                 x[:n] = amount

@@ -181,6 +181,14 @@ def _differentiate(basis, coefficients):
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
+def _add_memory(memory, share, h, rate, out):
+    """Write memories (R, slots, Z) after a ``share`` of the times ``h`` (R,) at a ``rate``."""
+    for r, slot, i in np.ndindex(memory.shape):
+        out[r, slot, i] = memory[r, slot, i] + share * h[r] * rate[r, slot, i]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
 def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory, scratch):
     """One Runge-Kutta step of the states (2 d, R) and memories (R, slots, Z) over the times ``h`` (R,).
 
@@ -193,8 +201,7 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
         for i in range(len(state)):
             for r in range(len(h)):
                 y[i, r] = state[i, r] + 0.5 * at * h[r] * rate[i, r]
-        for r in range(len(h) if memory.size else 0):
-            z[r] = memory[r] + 0.5 * at * h[r] * z_rate[r]
+        _add_memory(memory, 0.5 * at, h, z_rate, z)
         evaluate_basis(basis, y, x, waves, phi)
         _compute_forces(fields, phi, y, u[at], rate, work, m, a)
         _add_force_laws(laws, geometry, sets, theta, t + 0.5 * at * h, y, z, work, rate, z_rate)
@@ -202,13 +209,12 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
         for i in range(len(state)):
             for r in range(len(h)):
                 total[i, r] = before * total[i, r] + weight * rate[i, r]
-        if memory.size:
-            z_total[:] = before * z_total + weight * z_rate
+        for r, slot, i in np.ndindex(memory.shape):
+            z_total[r, slot, i] = before * z_total[r, slot, i] + weight * z_rate[r, slot, i]
     for i in range(len(state)):
         for r in range(len(h)):
             state[i, r] += h[r] / 6.0 * total[i, r]
-    for r in range(len(h) if memory.size else 0):
-        memory[r] += h[r] / 6.0 * z_total[r]
+    _add_memory(memory, 1.0 / 6.0, h, z_total, memory)
 
 
 @njit(cache=True)
@@ -315,10 +321,10 @@ def integrate_memory(law, theta, time, motion, clips, begin, out):
         out: memory at the frames (P, N, Z), written.
     """
     n_sets, _, n_z = out.shape
-    rate, y, x = np.zeros(n_z), np.zeros(n_z), np.zeros(4)
+    rate, y, z, x = np.zeros(n_z), np.zeros(n_z), np.zeros(n_z), np.zeros(4)
     for p in range(n_sets):
         for clip in range(clips.shape[0]):
-            z = begin[p, clip].copy()
+            z[:] = begin[p, clip]
             for n in range(clips[clip, 0], clips[clip, 1]):
                 out[p, n] = z
                 if n + 1 == clips[clip, 1]:
@@ -327,11 +333,11 @@ def integrate_memory(law, theta, time, motion, clips, begin, out):
                 for step in range(MEMORY_STEPS):
                     for half in range(2):
                         share = (step + 0.5 * half) / MEMORY_STEPS
-                        y[:] = z
-                        if half == 1:
-                            y[:] += 0.5 * h * rate
-                        t = time[n] + share * MEMORY_STEPS * h
+                        for i in range(n_z):
+                            y[i] = z[i] + 0.5 * h * rate[i] if half == 1 else z[i]
                         for i in range(4):
                             x[i] = motion[n, i] + share * (motion[n + 1, i] - motion[n, i])
+                        t = time[n] + share * MEMORY_STEPS * h
                         _call_law(law, t, x[0], x[1], x[2], x[3], y, theta[p], rate)
-                    z = z + h * rate
+                    for i in range(n_z):
+                        z[i] += h * rate[i]
