@@ -1,6 +1,6 @@
 """MuJoCo models as sims: what MuJoCo itself simulates against the sampled model, and patched files."""
 
-import builtins
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,14 +115,7 @@ def test_what_is_no_model_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "bad.xml").write_text("<mujoco><nonsense/></mujoco>")
     with pytest.raises(ValueError, match="MuJoCo cannot read it"):
         load_mujoco(tmp_path / "bad.xml")
-    real = builtins.__import__
-
-    def without(name: str, *rest: object) -> object:
-        if name == "mujoco":
-            raise ImportError(name)
-        return real(name, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ValueError, match=r"pip install 'lagsplat\[mujoco\]'"):
         load_mujoco(arm(tmp_path, 1))
 

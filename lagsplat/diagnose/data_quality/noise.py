@@ -27,11 +27,15 @@ def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
     """Fit a cubic through the ``2 half_width + 1`` samples nearest to each, never across a clip's border.
 
     Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
-    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower. A cubic with
-    a sample to spare needs a half width of at least 2.
+    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower.
+
+    Raises:
+        ValueError: a half width below 2.
 
     Source: local polynomial regression, Fan and Gijbels 1996, chapter 3.
     """
+    if half_width < 2:
+        raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
     return _fit_clips(motion, [half_width] * len(motion.segments))
 
 

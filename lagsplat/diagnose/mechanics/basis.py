@@ -37,14 +37,23 @@ class Basis:
 
     @cached_property
     def derivatives(self) -> tuple[Int64[np.ndarray, "d K"], Float64[np.ndarray, "d K"]]:
-        """The derivative of each function by each coordinate: another function of the basis, and a factor."""
+        """The derivative of each function by each coordinate: another function of the basis, and a factor.
+
+        Raises:
+            ValueError: a derivative is not in the basis.
+        """
         functions = list(zip(self.kind.tolist(), self.order.tolist(), strict=True))
         number = {(kind, *order): k for k, (kind, order) in enumerate(functions)}
         target, factor = np.zeros(self.order.T.shape, np.int64), np.zeros(self.order.T.shape)
         for k, (kind, order) in enumerate(functions):
             for i in np.flatnonzero(order):
                 lower = [e - (j == i) for j, e in enumerate(order)] if kind == POWER else order
-                target[i, k] = number[({POWER: POWER, COSINE: SINE, SINE: COSINE}[kind], *lower)]
+                name = ({POWER: POWER, COSINE: SINE, SINE: COSINE}[kind], *lower)
+                if name not in number:
+                    raise ValueError(
+                        f"function {k} of the basis has a derivative that is none of its functions"
+                    )
+                target[i, k] = number[name]
                 factor[i, k] = order[i] / self.scale[i] if kind == POWER else order[i] * (2 * kind - 3)
         return target, factor
 

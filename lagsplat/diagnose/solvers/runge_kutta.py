@@ -31,7 +31,8 @@ MIN_PIVOT = 1e-12  # floor of a squared pivot, so that a mass matrix that is not
 def compile_force_law(function: Any) -> Any:
     """Compile a force law under the signature that all of them share; a decorator.
 
-    The compiled law has an ``address``, by which the functions of this module call it.
+    The compiled law has an ``address``, by which the functions of this module call it. No error can pass that
+    way: a division by zero gives infinity or NaN, which ends a rollout as diverged.
     """
     return cfunc(FORCE_LAW_SIGNATURE, cache=True, error_model="numpy")(function)
 

@@ -71,9 +71,9 @@ def fit_choice_model(choices: Sequence[Choice], names: tuple[str, ...], *, ridge
         value = float(weight @ (np.log(every) - np.log(good))) + 0.5 * ridge * float(w @ w)
         return value, scaled.T @ (share * weight[owner]) + ridge * w
 
-    found = minimize(
-        loss, np.zeros(features.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": 2000}
-    )
+    # close to the optimum, so that rounding on another processor moves no digit that is published
+    options = {"maxiter": 5000, "ftol": 1e-15, "gtol": 1e-9}
+    found = minimize(loss, np.zeros(features.shape[1]), jac=True, method="L-BFGS-B", options=options)
     return ChoiceModel(names, found.x / scale)
 
 

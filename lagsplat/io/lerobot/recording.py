@@ -15,6 +15,7 @@ from jaxtyping import Float64, UInt8
 
 from lagsplat.io.config import LerobotConfig
 from lagsplat.io.files.atomic import StrPath, sha256_of
+from lagsplat.io.files.optional_package import require_package
 from lagsplat.io.lerobot.dataset import (
     AGAIN,
     Episode,
@@ -56,7 +57,7 @@ def read_lerobot(path: StrPath, chosen: LerobotConfig, settings: FrameSettings) 
             do; no unit can be told; a film is truncated or lacks frames; no frame is
             left; or PyAV is not installed.
     """
-    require_av()
+    _require_av()
     dataset = open_dataset(path)
     camera = require_camera(dataset, chosen.camera)
     names = _choose_inputs(dataset, chosen.inputs)
@@ -220,7 +221,7 @@ def _decode(
     Raises:
         ValueError: the film cannot be opened or decoded, or a row has no picture.
     """
-    av = require_av()
+    av = _require_av()
     row = 0
     try:
         with av.open(str(span.path)) as container:
@@ -250,16 +251,5 @@ def _decode(
         )
 
 
-def require_av() -> Any:
-    """The module ``av`` (PyAV), which is an optional dependency.
-
-    Raises:
-        ValueError: it is not installed.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise ValueError(
-            "a LeRobot film needs the package av; install it with: pip install 'lagsplat[lerobot]'"
-        ) from error
-    return av
+def _require_av() -> Any:
+    return require_package("av", what="a LeRobot film", extra="lerobot")

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from lagsplat.io.files.optional_package import require_package
+
 
 def require_mujoco() -> Any:
     """The module ``mujoco``.
@@ -11,13 +13,7 @@ def require_mujoco() -> Any:
     Raises:
         ValueError: it is not installed.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ValueError(
-            "a MuJoCo model needs the package mujoco; install it with: pip install 'lagsplat[mujoco]'"
-        ) from error
-    return mujoco
+    return require_package("mujoco", what="a MuJoCo model", extra="mujoco")
 
 
 def get_angle_unit(spec: Any, joint: Any) -> float:

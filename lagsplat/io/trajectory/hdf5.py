@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from lagsplat.io.files.optional_package import require_package
 from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, propose_names
 from lagsplat.io.trajectory.timing import lay_out_clocks
 
@@ -45,19 +46,8 @@ class Hdf5Survey:
     proposal: Mapping[str, str]  # for `diagnose.columns`
 
 
-def require_h5py() -> Any:
-    """The module ``h5py``, which is an optional dependency.
-
-    Raises:
-        ValueError: it is not installed.
-    """
-    try:
-        import h5py
-    except ImportError as error:
-        raise ValueError(
-            "an HDF5 file needs the package h5py; install it with: pip install 'lagsplat[hdf5]'"
-        ) from error
-    return h5py
+def _require_h5py() -> Any:
+    return require_package("h5py", what="an HDF5 file", extra="hdf5")
 
 
 def read_hdf5(path: Path, columns: Mapping[str, str]) -> Table:
@@ -72,7 +62,7 @@ def read_hdf5(path: Path, columns: Mapping[str, str]) -> Table:
         ValueError: h5py is not installed; the file is damaged; a named dataset is no numbers of this file; or
             demonstrations differ in their datasets, lack rows or have no time.
     """
-    h5py = require_h5py()
+    h5py = _require_h5py()
     try:
         with h5py.File(path, "r") as file:
             contents = _list_contents(h5py, file)
@@ -91,7 +81,7 @@ def survey_hdf5(path: Path) -> Hdf5Survey:
     Raises:
         ValueError: h5py is not installed, or the file is damaged.
     """
-    h5py = require_h5py()
+    h5py = _require_h5py()
     try:
         with h5py.File(path, "r") as file:
             contents = _list_contents(h5py, file)

@@ -181,3 +181,5 @@ def test_nothing_crosses_a_cut_and_short_clips_are_fitted_as_a_whole() -> None:
     assert np.isfinite(np.hstack([fit.q, fit.v, fit.a])).all()
     np.testing.assert_allclose(fit.v[1], (motion.q[2] - motion.q[1]) * 60.0)
     assert fit.v[0] == 0.0
+    with pytest.raises(ValueError, match="half_width is 1"):
+        fit_locally(motion, half_width=1)

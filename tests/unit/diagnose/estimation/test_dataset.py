@@ -140,7 +140,7 @@ def test_between_samples_an_input_is_a_line_or_held() -> None:
 @pytest.mark.parametrize("held", [False, True])
 def test_a_delayed_input_is_the_earlier_one_and_does_not_look_into_another_clip(held: bool) -> None:
     signal = build_input_signals(driven_dataset(), steps=2, held=held)[0]
-    late = input_delay.change(signal, np.array([[0.0], [0.12]])).reshape(2, 7, 2, 3)
+    late = input_delay.EFFECT.change(signal, np.array([[0.0], [0.12]])).reshape(2, 7, 2, 3)
     assert np.array_equal(late[0].ravel(), signal.values)
     assert late[1, 1, 0, 0] == 1.0  # before the first sample, that sample
     assert late[1, 4, 0, 0] == 10.0
@@ -149,8 +149,8 @@ def test_a_delayed_input_is_the_earlier_one_and_does_not_look_into_another_clip(
 
 def test_motion_that_is_stamped_late_looks_like_a_late_input() -> None:
     signal = build_input_signals(driven_dataset(), steps=2, held=False)[0]
-    late = input_delay.change(signal, np.array([[0.12]]))
-    assert np.array_equal(time_offset.change(signal, np.array([[-0.12]])), late)
+    late = input_delay.EFFECT.change(signal, np.array([[0.12]]))
+    assert np.array_equal(time_offset.EFFECT.change(signal, np.array([[-0.12]])), late)
 
 
 def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
@@ -159,11 +159,11 @@ def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
     blank = np.zeros((20, 1))
     whole = Dataset(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64), (0.0,))
     signal = build_input_signals(whole, steps=3, held=True)[0]
-    out = input_lag.change(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
+    out = input_lag.EFFECT.change(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
     assert out == pytest.approx(2.0 * -np.expm1(-np.maximum(time - 0.1, 0.0) / 0.2), abs=1e-5)
 
 
 def test_play_follows_at_half_its_width_and_forgets_between_clips() -> None:
     signal = build_input_signals(driven_dataset(), steps=1, held=False)[0]
-    out = input_backlash.change(signal, np.array([[2.0, 0.0]]))[0].reshape(7, 3)[:, 0]
+    out = input_backlash.EFFECT.change(signal, np.array([[2.0, 0.0]]))[0].reshape(7, 3)[:, 0]
     assert out.tolist() == pytest.approx([1.0, 2.0, -1.0, -0.5, 10.0, 11.0, 11.0])
