@@ -1,12 +1,9 @@
 """A fitted run as the simulator, and the recordings it is compared with, in the coordinates of its law."""
 
-import itertools
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,23 +11,15 @@ from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.imaging.rendering import compute_decoding_errors
-from lagsplat.diagnose.imaging.video_checks import (
-    CameraShift,
-    check_camera,
-    derive_recording_settings,
-    drop_unusable_frames,
-    measure_camera_shift,
-    read_fitted_settings,
-)
+from lagsplat.diagnose.imaging.video_checks import CameraShift, check_camera, measure_camera_shift
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
 from lagsplat.evaluate.protocol import choose_evenly
-from lagsplat.io.read import read_recording, read_trajectory
-from lagsplat.io.recording.inputs import add_inputs
-from lagsplat.io.recording.recording import Recording, load_recording
-from lagsplat.io.sources import VIDEO_KINDS, DataSource, find_sources
+from lagsplat.io.read import read_trajectory
+from lagsplat.io.recording.recording import Recording
+from lagsplat.io.sources import DataSource, find_sources
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
-from lagsplat.io.video.read import SAME_SHAPE
+from lagsplat.pipelines.real_videos import check_inputs, read_fitted_settings, read_real_video
 from lagsplat.runs.run import FittedRun, open_run
 
 HELD_OUT = "held_out"  # names the held-out part of a run's own recording
@@ -225,80 +214,6 @@ def _read_trajectory(
     return RecordedTrajectory(_adopt(motion, run), recording, shift, tuple(findings))
 
 
-def read_real_video(
-    source: DataSource, own: Recording, settings: Mapping[str, Any], *, dt_s: float
-) -> tuple[Recording, list[Finding]] | None:
-    """Read a real video as a run's ``own`` recording was read; None where it is that very recording.
-
-    Frames that cannot be used are left out, with a finding. Inputs are those of the video or of the table
-    beside it. ``settings`` and ``dt_s`` are as of `derive_recording_settings`.
-
-    Raises:
-        FileNotFoundError: no file.
-        ValueError: no video, one that cannot be read, images of another size, or fewer inputs.
-    """
-    if source.kind not in VIDEO_KINDS:
-        raise ValueError(
-            f"{source.path}: a {source.kind} has no trajectory to compare a run with; name a video, a log or "
-            "a table of its latents"
-        )
-    recording = _read_video(source, own, settings, dt_s=dt_s)
-    if recording.meta.get("sha256") == own.meta.get("sha256"):
-        return None
-    _check_pictures(source, recording, own)
-    recording, findings = drop_unusable_frames(recording)
-    if source.inputs:
-        recording = add_inputs(recording, source.inputs)
-    _check_inputs(source.path, recording.inputs.shape[1], own.inputs.shape[1])
-    return recording, findings
-
-
-def _read_video(source: DataSource, own: Recording, settings: Mapping[str, Any], *, dt_s: float) -> Recording:
-    if source.kind == "recording":
-        return load_recording(source.path)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        recording = read_recording(derive_recording_settings(source, settings, own, dt_s=dt_s))
-    footage = recording.meta.get("footage") or []
-    known = [sentence for clip in footage for sentence in clip["warnings"]]
-    for warning in caught:  # warnings about the video become findings
-        if not any(str(warning.message).endswith(sentence) for sentence in known):
-            warnings.warn(str(warning.message), warning.category, stacklevel=5)
-    return recording
-
-
-def _check_pictures(source: DataSource, recording: Recording, own: Recording) -> None:
-    """Check that images have the run's size, and their film the shape of the run's film before resizing."""
-    size, expected = recording.frames.shape[1:3], own.frames.shape[1:3]
-    if size != expected:
-        raise ValueError(
-            f"{source.path}: images of {size[0]} x {size[1]} px, but the run was fitted to {expected[0]} x "
-            f"{expected[1]}; give a recording that was read as the run's own was"
-        )
-    pictures, own_pictures = (
-        [clip["picture_px"] for clip in each.meta.get("clips") or () if "picture_px" in clip]
-        for each in (recording, own)
-    )
-    for (rows, columns), (own_rows, own_columns) in itertools.product(pictures, own_pictures):
-        if own.meta.get("crop") is None:
-            same = abs(columns * own_rows / (rows * own_columns) - 1.0) <= SAME_SHAPE
-        else:
-            same = (rows, columns) == (own_rows, own_columns)
-        if not same:
-            raise ValueError(
-                f"{source.path}: a film of {columns} x {rows} px (width x height), but the sim's has "
-                f"{own_columns} x {own_rows}; film both alike, or cut both to the same part of the scene"
-            )
-
-
-def _check_inputs(source: str, n_u: int, expected: int) -> None:
-    if n_u < expected:
-        raise ValueError(
-            f"{source}: {n_u} input(s), but the run was fitted with {expected}; give the inputs in a CSV "
-            "of the same stem with columns t, u0, ..., with zeros if nothing acted"
-        )
-
-
 def _check_latents(run: FittedRun, motion: Trajectory, source: str) -> None:
     d, n_u = run.chart.d, run.chart.inputs.shape[1]
     if motion.d != d:
@@ -306,7 +221,7 @@ def _check_latents(run: FittedRun, motion: Trajectory, source: str) -> None:
             f"{source}: {motion.d} coordinate(s), but the run has {d} whitened latent(s); give a video, or "
             "latents that this run's autoencoder encoded"
         )
-    _check_inputs(source, motion.n_u, n_u)
+    check_inputs(source, motion.n_u, n_u)
 
 
 def _adopt(motion: Trajectory, run: FittedRun) -> Trajectory:

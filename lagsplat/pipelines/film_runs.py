@@ -27,7 +27,8 @@ from lagsplat.io.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.video.clips import find_clips
 from lagsplat.io.video.decode import read_frame_size
 from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
-from lagsplat.pipelines.diagnosis_videos import HELD_OUT, read_real_video
+from lagsplat.pipelines.diagnosis_videos import HELD_OUT
+from lagsplat.pipelines.real_videos import read_real_video
 from lagsplat.pipelines.steps import reading_overrides
 from lagsplat.provenance import code_digest, set_threads, sha256_hex
 from lagsplat.report.inspection.log import suggest_overrides

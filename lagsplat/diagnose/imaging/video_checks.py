@@ -1,9 +1,8 @@
-"""Checks of a recording's images, and the settings by which another recording is read like the run's own."""
+"""Checks of a recording's images: a camera that moved, and frames that cannot be used."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -13,11 +12,7 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.io.config import McapConfig, McapInputConfig, RecordingConfig, SplitConfig
-from lagsplat.io.files.artifact import read_header
-from lagsplat.io.files.atomic import load_json
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.sources import DataSource
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.video_quality.assessment import CAMERA_PX
 from lagsplat.video_quality.camera_motion import measure_path, track_background
@@ -190,67 +185,3 @@ def _measure_latent_shift(
         moved = chart.encode(autoencoder, np.stack(shifted))
         changes.append(np.abs(moved - q).mean(axis=0).max())
     return float(max(changes))
-
-
-def derive_recording_settings(
-    source: DataSource, settings: Mapping[str, Any], own: Recording, *, dt_s: float
-) -> RecordingConfig:
-    """Derive the settings by which another recording is read like the run's own.
-
-    Images are rotated, cropped, resized and stabilised as for the run. ``settings`` are those of the run's
-    own recording, see `read_fitted_settings`, ``dt_s`` is its spacing of frames [s].
-
-    Raises:
-        ValueError: a log, while the run was not fitted to one.
-    """
-    from_images = source.kind != "krauss"
-    meta = own.meta if from_images else {}
-    return RecordingConfig(
-        kind=source.kind,
-        path=source.path,
-        archive=None,
-        member=None,
-        dt_s=_derive_spacing(source, settings, dt_s),
-        n_inputs=0 if from_images else own.inputs.shape[1],
-        rotate=int(meta.get("rotate", 0)),
-        stabilise=bool(meta.get("stabilise", False)) and source.kind == "video",
-        grey=bool(meta.get("grey", False)),
-        crop=meta.get("crop"),
-        skip_s=0.0,
-        end_s=None,
-        spans_s=None,
-        height=own.height if from_images else None,
-        width=own.width if from_images else None,
-        split=SplitConfig(0.5, None, None),
-        mcap=_derive_topics(source, settings) if source.kind == "mcap" else None,
-    )
-
-
-def _derive_topics(source: DataSource, settings: Mapping[str, Any]) -> McapConfig:
-    """The run's topics of a log."""
-    topics = settings.get("mcap") or {}
-    if not topics.get("camera"):
-        raise ValueError(
-            f"{source.path}: the run was not fitted to a log, so that nothing says which topics hold "
-            "images and inputs; export the camera as a video, with its inputs in a CSV of the same stem"
-        )
-    return McapConfig(**{**topics, "inputs": [McapInputConfig(**each) for each in topics["inputs"]]})
-
-
-def _derive_spacing(source: DataSource, settings: Mapping[str, Any], dt_s: float) -> float | None:
-    """Seconds between frames of files without times: archives, and images without a table of times."""
-    if source.kind == "krauss":
-        return settings.get("dt_s") or dt_s
-    return settings.get("dt_s") if Path(source.path).is_dir() and settings.get("kind") == "video" else None
-
-
-def read_fitted_settings(folder: Path) -> dict[str, Any]:
-    """Settings of the own recording of the run in ``folder``, as far as its files hold them."""
-    for place in (folder, *folder.resolve().parents[:2]):
-        if (place / "dynamics.safetensors").is_file():
-            header = read_header(place / "dynamics.safetensors")
-            if "config" in header:
-                return dict(header["config"]["recording"])
-        if (place / "recording.json").is_file():
-            return dict(load_json(place / "recording.json")["settings"].get("cfg") or {})
-    return {}
