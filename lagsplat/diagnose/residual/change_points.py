@@ -57,9 +57,8 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
         square, time_s = squares[number], estimates[number].motion.time_s
         limit = CHANGE_POINTS.edge_share**2 * square[start:stop].max()
         first, last = start + np.flatnonzero(square[start:stop] >= limit)[[0, -1]]
-        inside = np.zeros(len(square))
-        inside[first : last + 1] = square[first : last + 1]
-        share = float(weights[number] @ inside) / total
+        inside = slice(first, last + 1)
+        share = float(weights[number][inside] @ square[inside]) / total
         events.append(ResidualEvent(number, float(time_s[first]), float(time_s[last]), share))
     bridged = sorted(_bridge_events(events, period_s), key=lambda event: -event.share)
     large = [event for event in bridged if event.share >= CHANGE_POINTS.min_energy_share]

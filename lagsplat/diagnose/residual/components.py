@@ -190,12 +190,8 @@ def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequen
     # A constant leaves only rounding errors.
     if power <= 1e-12 * len(first) * np.abs(column).max(initial=0.0) * np.abs(residual).max(initial=0.0):
         return 0.0
-    parts = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
-    spread = sum(float(_autocorrelate(a) @ _autocorrelate(b)) for a, b in parts)
+    clips = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
+    # autocorrelations at every lag
+    spread = sum(float(correlate(a, a) @ correlate(b, b)) / len(a) for a, b in clips)
     bound = COMPONENTS.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny))
     return float(abs(first @ second) / bound)
-
-
-def _autocorrelate(series: np.ndarray) -> np.ndarray:
-    """Autocorrelation of a series (n,) at every lag (2 n - 1,), over the root of its length."""
-    return correlate(series, series, method="fft") / np.sqrt(len(series))

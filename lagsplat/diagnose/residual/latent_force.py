@@ -154,7 +154,11 @@ def estimate_latent_force(
         change = np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale
         if np.max(change) < LATENT_FORCE.path_tolerance:
             break
-    return _split_by_motion(mechanics, motions, record, path, gained)
+    response = np.linalg.solve(
+        mechanics.mass_at(path.q), (compute_rest_inertia(mechanics) * path.force)[..., None]
+    )
+    a = mechanics.acceleration(path.q, path.v, u) + response[..., 0]
+    return _split_by_motion(motions, record, path, a, gained)
 
 
 @dataclass(frozen=True)
@@ -217,26 +221,16 @@ def _join_positions(
 
 
 def _split_by_motion(
-    mechanics: MechanicalModel,
-    motions: Sequence[Trajectory],
-    record: SmootherData,
-    path: SmoothedPath,
-    gained: np.ndarray,
+    motions: Sequence[Trajectory], record: SmootherData, path: SmoothedPath, a: np.ndarray, gained: np.ndarray
 ) -> list[LatentForceEstimate]:
-    """Estimates of the single motions from the path of all; all their numbers are finite."""
-    inertia = compute_rest_inertia(mechanics)
+    """Estimates of the single motions from the path of all with its acceleration; all numbers are finite."""
+    signals = path.q, path.v, a, path.force, path.covariance, record.y - path.q
+    if not all(np.isfinite(values).all() for values in signals):
+        raise np.linalg.LinAlgError(
+            "the sim's forces along the motion are not finite; check its units and signs"
+        )
     noise = np.sqrt(path.variances.values[record.d :]) * record.scale
     ends = np.cumsum([motion.n for motion in motions])[:-1]
-    parts = (np.split(values, ends) for values in (path.q, path.v, path.force, path.covariance))
-    estimates = []
-    for motion, q, v, r, covariance in zip(motions, *parts, strict=True):
-        response = np.linalg.solve(mechanics.mass_at(q), (inertia * r)[..., None])[..., 0]
-        a = mechanics.acceleration(q, v, motion.u) + response
-        length_s = path.variances.length_s
-        estimate = LatentForceEstimate(motion, q, v, a, r, covariance, motion.q - q, gained, noise, length_s)
-        if not all(np.isfinite(x).all() for x in (v, a, r, estimate.std)):
-            raise np.linalg.LinAlgError(
-                "the sim's forces along the motion are not finite; check its units and signs"
-            )
-        estimates.append(estimate)
-    return estimates
+    common = {"evidence": gained, "noise": noise, "length_s": path.variances.length_s}
+    parts = zip(*(np.split(values, ends) for values in signals), strict=True)
+    return [LatentForceEstimate(motion, *part, **common) for motion, part in zip(motions, parts, strict=True)]

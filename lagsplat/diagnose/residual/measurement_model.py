@@ -10,7 +10,7 @@ from lagsplat.diagnose.core.config import STATE_MAPS
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import number_blocks
 from lagsplat.diagnose.residual.features import differentiate_clips
-from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
+from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
 DIFFERENCE_STEP = 1e-4  # step of central differences, over the standard deviation of a coordinate
 
@@ -51,31 +51,23 @@ def compute_apparent_forces(
     Columns, for each coordinate: positions distorted by their square, shifted in time, and drifting. A small
     distortion e(t) of the positions appears as M(q) (e'' - da/dq e - da/dv e') over the inertia at rest.
     """
-    columns = [_compute_apparent_columns(mechanics, estimate)[:, coordinate] for estimate in estimates]
-    return np.concatenate(columns)
-
-
-def _compute_apparent_columns(
-    mechanics: MechanicalModel, estimate: LatentForceEstimate
-) -> Float64[np.ndarray, "n d 3d"]:
-    q, v, a, motion = estimate.q, estimate.v, estimate.a, estimate.motion
-    jerk = differentiate_clips(a, motion)
-    displacement = q - mechanics.rest
-    elapsed = (motion.time_s - motion.time_s[0])[:, None]
-    zero = np.zeros_like(displacement)
+    q, v, a, u = join_signals(estimates, "q", "v", "a", "u")
+    jerk = np.concatenate([differentiate_clips(each.a, each.motion) for each in estimates])
+    times_s = [each.motion.time_s - each.motion.time_s[0] for each in estimates]
+    elapsed, displacement, zero = np.concatenate(times_s)[:, None], q - mechanics.rest, np.zeros_like(q)
     distortions = [
         (displacement**2, 2 * displacement * v, 2 * v**2 + 2 * displacement * a),
         (v, a, jerk),
         (elapsed + zero, 1.0 + zero, zero),
     ]
+    inertia = mechanics.mass_at(q)[:, coordinate] / compute_rest_inertia(mechanics)[coordinate]
     columns = []
     for e, rate, bend in distortions:
         for j in range(mechanics.d):
             unit = np.arange(mechanics.d) == j
             eps = DIFFERENCE_STEP * np.std(q[:, j]) / max(float(np.abs(e[:, j]).max()), 1e-300)
             dq, dv = eps * e * unit, eps * rate * unit
-            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, motion.u) for s in (1.0, -1.0))
+            up, down = (mechanics.acceleration(q + s * dq, v + s * dv, u) for s in (1.0, -1.0))
             lacking = bend * unit - (up - down) / (2.0 * eps)
-            force = np.einsum("nab,nb->na", mechanics.mass_at(q), lacking)
-            columns.append(force / compute_rest_inertia(mechanics))
-    return np.stack(columns, axis=2)
+            columns.append(np.einsum("nb,nb->n", inertia, lacking))
+    return np.stack(columns, axis=1)

@@ -65,37 +65,29 @@ def find_state_regions(
     shapes = ((STATE_MAPS.map_bins, STATE_MAPS.map_bins), (STATE_MAPS.profile_bins, 1))
     maps, regions = [], []
     for i, shape in product(coordinates, shapes):
-        position_edges, row = _assign_bins(q[:, i], shape[0])
-        velocity_edges, column = _assign_bins(v[:, i], shape[1])
-        at, bins = row * shape[1] + column, shape[0] * shape[1]
-        where = block * bins + at
-        sums = np.bincount(where, weight * residual[:, i], minlength=n_blocks * bins).reshape(n_blocks, bins)
-        visited = np.bincount(where, minlength=n_blocks * bins).reshape(n_blocks, bins) > 0
-        enough = visited.sum(axis=0) >= 2
+        edges = _place_edges(q[:, i], shape[0]), _place_edges(v[:, i], shape[1])
+        samples, bins = (block, q[:, i], v[:, i]), (np.arange(n_blocks + 1), *edges)
+        sums = np.histogramdd(samples, bins, weights=weight * residual[:, i])[0]
+        enough = np.sum(np.histogramdd(samples, bins)[0] > 0, axis=0) >= 2
         spread = np.where(enough, np.maximum(np.sqrt(np.sum(sums**2, axis=0)), 1e-300), np.inf)
-        time_s = np.bincount(at, weight, minlength=bins)
-        mean = np.divide(sums.sum(axis=0), time_s, out=np.full(bins, np.nan), where=enough).reshape(shape)
-        score = (sums.sum(axis=0) / spread).reshape(shape)
-        maps.append(StateMap(int(i), position_edges, velocity_edges, mean, score))
-        share = np.bincount(at, weight * square[:, i], minlength=bins).reshape(shape)
+        time_s, share = (
+            np.histogram2d(q[:, i], v[:, i], edges, weights=x)[0] for x in (weight, weight * square[:, i])
+        )
+        mean = np.divide(sums.sum(axis=0), time_s, out=np.full(shape, np.nan), where=enough)
+        maps.append(StateMap(int(i), *edges, mean, sums.sum(axis=0) / spread))
         if n_blocks >= STATE_MAPS.min_blocks:
-            flipped = (signs @ sums / spread).reshape(-1, *shape)
+            flipped = np.tensordot(signs, sums, 1) / spread
             tests = len(coordinates) * len(shapes)
             regions += _select_regions(maps[-1], share / share.sum(), flipped, tests)
     return sorted(regions, key=lambda region: -region.share), maps
 
 
-def _assign_bins(
-    values: np.ndarray, count: int
-) -> tuple[Float64[np.ndarray, " edges"], Int64[np.ndarray, " n"]]:
-    """Edges of even bins and the bin of each value.
-
-    The bins lie between the 1 % and 99 % quantiles; the outermost are widened to hold the rest.
-    """
+def _place_edges(values: np.ndarray, count: int) -> Float64[np.ndarray, " edges"]:
+    """Edges of even bins between the 1 % and 99 % quantiles; the outermost are widened to hold the rest."""
     low, high = np.quantile(values, [0.01, 0.99])
     edges = np.linspace(low, high, count + 1)
     edges[0], edges[-1] = values.min(), values.max()
-    return edges, np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+    return edges
 
 
 def _find_clusters(

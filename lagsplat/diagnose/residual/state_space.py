@@ -135,9 +135,7 @@ class _LinearGaussianModel:
     y: Float64[np.ndarray, "T d"]
     transition: Float64[np.ndarray, "T 4d 4d"]
     offset: Float64[np.ndarray, "T 4d"]
-    start: Float64[
-        np.ndarray, "T 2d 2d"
-    ]  # covariance of position and velocity where a clip begins, else zero
+    start: Float64[np.ndarray, "T 2d 2d"]  # covariance of position and velocity at a clip's start, else zero
     drive: Float64[np.ndarray, "T 2 2"]  # covariance that a force of variance one and its rate receive
     units: Float64[np.ndarray, " 4d"]
 
@@ -146,7 +144,7 @@ class _LinearGaussianModel:
         d = self.y.shape[1]
         process = np.zeros_like(self.transition)
         process[:, : 2 * d, : 2 * d] = self.start
-        process[:, 2 * d :, 2 * d :] = _couple_forces(self.drive, np.diag(variances[:d]))
+        process[:, 2 * d :, 2 * d :] = np.kron(self.drive, np.diag(variances[:d]))
         columns = self.y[..., None], self.transition, self.offset[..., None]
         return filter_forward(*columns, process, variances[d:])
 
@@ -169,7 +167,7 @@ def _build_model(record: SmootherData, steps: LinearSteps, length_s: float) -> _
     transition[:, : 2 * d, : 2 * d] = steps.phi
     acting = np.einsum("tjb,tjxi->txbi", forces[:, :, 0], steps.gamma)
     transition[:, : 2 * d, 2 * d :] = acting.reshape(-1, 2 * d, 2 * d)
-    transition[:, 2 * d :, 2 * d :] = _couple_forces(forces[:, 2], np.eye(d))
+    transition[:, 2 * d :, 2 * d :] = np.kron(forces[:, 2], np.eye(d))
     units = np.concatenate([record.scale / unit**power for power in range(4)])
     y = record.y / record.scale
     offset = np.concatenate([steps.offset, np.zeros((len(starts), 2 * d))], axis=1) / units
@@ -192,11 +190,3 @@ def _compute_matern_transition(rate: float, h: Float64[np.ndarray, "*n"]) -> Flo
     part = rate * h
     rows = [[1.0 + part, h], [-rate * part, 1.0 - part]]
     return np.moveaxis(np.exp(-part) * np.array(rows), (0, 1), (-2, -1))
-
-
-def _couple_forces(
-    blocks: Float64[np.ndarray, "T 2 2"], coordinates: Float64[np.ndarray, "d d"]
-) -> Float64[np.ndarray, "T 2d 2d"]:
-    """The Kronecker product of each of ``blocks`` with ``coordinates``."""
-    d = len(coordinates)
-    return np.einsum("tab,ij->taibj", blocks, coordinates).reshape(-1, 2 * d, 2 * d)

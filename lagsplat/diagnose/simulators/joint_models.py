@@ -25,6 +25,7 @@ from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_peri
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
+from lagsplat.diagnose.residual.features import differentiate_clips
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion, smooth_motions
 from lagsplat.diagnose.simulators.chain_dynamics import (
     ChainForces,
@@ -184,10 +185,7 @@ def compute_input_rate(u: Float64[np.ndarray, " T"], motion: Trajectory, *, hold
     """Rate of change of an input (T,) within each clip [its unit / s]; of a held one, from its sample on."""
     if hold == "zoh":
         return np.append(np.where(motion.joined, np.diff(u) / np.diff(motion.time_s), 0.0), 0.0)
-    clips = [slice(start, stop) for start, stop in motion.segments]
-    return np.concatenate(
-        [np.gradient(u[i], motion.time_s[i]) if len(u[i]) > 1 else np.zeros(1) for i in clips]
-    )
+    return differentiate_clips(u[:, None], motion)[:, 0]
 
 
 def average_held(values: Float64[np.ndarray, " T"], motion: Trajectory) -> Float64[np.ndarray, " T"]:
