@@ -54,12 +54,9 @@ class RecordedRange:
             for a, b in record.clips
         ]
         fastest = np.quantile(np.concatenate(rates), EXPERIMENT.rate_quantile, axis=0)
-        middles, reaches = [], []
-        for x in (record.u, record.q):
-            low, high = x.min(axis=0), x.max(axis=0)
-            middles.append(0.5 * (low + high))
-            reaches.append(0.5 * (high - low))
-        return cls(middles[0], reaches[0], fastest, middles[1], reaches[1])
+        (u_low, u_high), (q_low, q_high) = ((x.min(axis=0), x.max(axis=0)) for x in (record.u, record.q))
+        u_middle, u_reach = 0.5 * (u_low + u_high), 0.5 * (u_high - u_low)
+        return cls(u_middle, u_reach, fastest, 0.5 * (q_low + q_high), 0.5 * (q_high - q_low))
 
     @property
     def driven(self) -> list[int]:

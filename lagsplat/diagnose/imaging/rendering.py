@@ -16,9 +16,7 @@ from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 
 def read_frames(recording: Recording, at: np.ndarray) -> Float64[np.ndarray, "T H W 3"]:
     """Read the frames with numbers ``at``, colours in [0, 1]."""
-    if not len(at):
-        return np.zeros((0, *recording.frames.shape[1:]))
-    return np.stack([np.asarray(recording.frames[i]) for i in at]) / 255.0
+    return recording.frames[at] / 255.0
 
 
 def render_latents(
@@ -33,8 +31,7 @@ def compute_decoding_errors(
     autoencoder: Autoencoder, chart: Chart, recording: Recording
 ) -> Float64[np.ndarray, " T"]:
     """Mean squared error of evenly spaced frames, each decoded from its own latents."""
-    at = choose_evenly(recording.n_frames, IMAGES.max_frames)
-    frames = np.stack([np.asarray(recording.frames[i]) for i in at])
+    frames = recording.frames[choose_evenly(recording.n_frames, IMAGES.max_frames)]
     q = chart.encode(autoencoder, frames)
     return image_errors(render_latents(autoencoder, chart, q), frames / 255.0)
 
@@ -107,6 +104,4 @@ def _project_points(
 
 def find_nearest_frames(recording: Recording, time_s: np.ndarray) -> np.ndarray:
     """Numbers of the frames nearest to ``time_s`` (n,) [s] on the recording's clock."""
-    after = np.clip(np.searchsorted(recording.time_s, time_s), 1, recording.n_frames - 1)
-    nearer = np.abs(recording.time_s[after - 1] - time_s) <= np.abs(recording.time_s[after] - time_s)
-    return np.where(nearer, after - 1, after)
+    return np.searchsorted(0.5 * (recording.time_s[1:] + recording.time_s[:-1]), time_s)

@@ -156,8 +156,7 @@ def _measure_within(recording: Recording) -> float | None:
 
 def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, float] | None:
     """How far the background moved between two recordings [pixel of a frame]; None without background."""
-    medians = [np.ascontiguousarray(_compute_median_image(source)) for source in (nominal, recording)]
-    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in medians]
+    grey = [cv2.cvtColor(_compute_median_image(each), cv2.COLOR_RGB2GRAY) for each in (nominal, recording)]
     path = track_background(grey)
     if path is None or not np.isfinite(path).all():
         return None
@@ -175,7 +174,7 @@ def _measure_latent_shift(
 ) -> float:
     """Largest mean change of a whitened latent when images are shifted by ``far_px`` along x or y."""
     chosen = np.linspace(0, recording.n_frames - 1, VIDEO_CHECKS.shifted_frames).astype(int)
-    frames = np.stack([np.asarray(recording.frames[i]) for i in chosen])
+    frames = recording.frames[chosen]
     q = chart.encode(autoencoder, frames)
     changes = []
     for x, y in ((far_px, 0.0), (0.0, far_px)):
