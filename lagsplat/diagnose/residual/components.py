@@ -15,18 +15,13 @@ from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
 
-@dataclass(frozen=True)
-class ResidualComponents:
-    """Shares of the residual by group of features, over all coordinates."""
-
-    shares: dict[str, float]  # by group, with "unexplained"; they sum to one
-    memory_index: float  # of `compute_memory_index`, over all coordinates
-
-
 def compute_components(
     features: ResidualFeatures, coordinate_share: Float64[np.ndarray, " d"]
-) -> ResidualComponents:
+) -> tuple[dict[str, float], float]:
     """Attribute the residual to the groups, weighting each coordinate by its own share (d,) of the residual.
+
+    Shares are by group, with "unexplained", and sum to one; beside them is the index of
+    `compute_memory_index` over all coordinates.
 
     What groups explain together is divided by Shapley's rule (LMG). Memory gets only what no present quantity
     explains: in a swing, the position a quarter of a period ago resembles the velocity now.
@@ -41,9 +36,8 @@ def compute_components(
         memory_index += coordinate_share[i] * compute_memory_index(features, int(i))
     total = sum(shares.values())
     if total <= 0.0:
-        return ResidualComponents(shares | {"unexplained": 1.0}, 0.0)
-    normalized = {name: float(share / total) for name, share in shares.items()}
-    return ResidualComponents(normalized, float(memory_index))
+        return shares | {"unexplained": 1.0}, 0.0
+    return {name: float(share / total) for name, share in shares.items()}, float(memory_index)
 
 
 def compute_explained_share(

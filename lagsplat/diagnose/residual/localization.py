@@ -1,7 +1,7 @@
 """Where the gap between a simulator and a recording lies: `locate` collects what the room finds."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -9,11 +9,7 @@ import numpy as np
 from lagsplat.diagnose.core.config import LOCALIZATION
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.change_points import ResidualEvent, find_events
-from lagsplat.diagnose.residual.components import (
-    ResidualComponents,
-    compute_components,
-    compute_explained_share,
-)
+from lagsplat.diagnose.residual.components import compute_components, compute_explained_share
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_features
 from lagsplat.diagnose.residual.latent_force import (
     LatentForceEstimate,
@@ -71,22 +67,23 @@ def locate(
     lines_hz = _find_undriven_lines(spectrum, motions[0].n_u) if spectrum is not None else []
     features = compute_features(mechanics, estimates, period_s=period_s, lines_hz=lines_hz)
     events = find_events(estimates, period_s=period_s)
-    components = _assign_brief_events(compute_components(features, coordinate_share), events, estimates)
+    shares, memory_index = compute_components(features, coordinate_share)
+    shares = _assign_brief_events(shares, events, estimates)
     regions, maps = find_state_regions(estimates, period_s=period_s)
     names = motions[0].q_names
     noise = measure_speed_noise(estimates, period_s=period_s)
     is_noise = noise.p < LOCALIZATION.max_speed_noise_p and noise.share > LOCALIZATION.min_speed_noise_share
     level = "perception"
     if not (perception_suspect or is_noise):
-        level = _decide_level(mechanics, estimates, features, coordinate_share, components.shares)
+        level = _decide_level(mechanics, estimates, features, coordinate_share, shares)
     return ResidualLocation(
         level=level,
         coordinates=dict(zip(names, coordinate_share.tolist(), strict=True)),
         time_s=tuple((motions[e.motion].source, e.start_s, e.end_s, e.share) for e in events),
         frequency_hz=() if spectrum is None else spectrum.bands,
         state_region=_describe_regions(regions, names),
-        components=components.shares,
-        memory_index=components.memory_index,
+        components=shares,
+        memory_index=memory_index,
         evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
         size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(estimates))))),
         smoothed=tuple(estimates),
@@ -107,25 +104,24 @@ def _find_undriven_lines(spectrum: ResidualSpectrum, n_u: int) -> list[float]:
 
 
 def _assign_brief_events(
-    components: ResidualComponents, events: Sequence[ResidualEvent], estimates: Sequence[LatentForceEstimate]
-) -> ResidualComponents:
+    shares: dict[str, float], events: Sequence[ResidualEvent], estimates: Sequence[LatentForceEstimate]
+) -> dict[str, float]:
     """Attribute what nothing explains and what acts briefly to the outside.
 
     Left-out blocks cannot predict a brief event. If it acts at positions that the motion reaches at no other
     time, position may be its cause instead.
     """
-    shares = components.shares
     duration_s = sum(event.end_s - event.start_s for event in events)
     event_share = sum(event.share for event in events)
     open_share = shares["unexplained"] + shares["memory"]
     recorded_s = sum(estimate.motion.duration_s for estimate in estimates)
     brief = duration_s < LOCALIZATION.max_event_time_share * recorded_s
     if open_share < 0.5 or event_share < LOCALIZATION.min_event_energy_share or not brief:
-        return components
+        return shares
     cause = "conservative" if _acts_beyond_usual_positions(events, estimates) else "exogenous"
     moved = {"memory": 0.0, "unexplained": (1.0 - event_share) * open_share}
     moved[cause] = shares[cause] + event_share * open_share
-    return replace(components, shares=shares | moved)
+    return shares | moved
 
 
 def _acts_beyond_usual_positions(
