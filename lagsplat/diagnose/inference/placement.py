@@ -89,7 +89,7 @@ def _rms(x: Float64[np.ndarray, " N"]) -> float:
 def measure_motion_scales(rollout_model: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     model, record, p = rollout_model.model, rollout_model.dataset, place.covector
-    s, v = (rollout_model.smooth - model.rest) @ p, record.v @ p
+    s, v = (record.smooth - model.rest) @ p, record.v @ p
     reach = {"upper": s.max(), "lower": -s.min()}.get(variant, np.abs(s).max())
     size = _rms(s)
     return Scales(
