@@ -98,10 +98,6 @@ class EstimationProblem:
         """The same with other uncertainties of the sim."""
         return replace(self, rollout_model=replace(self.rollout_model, nuisance=nuisance))
 
-    def with_steps(self, steps: int) -> "EstimationProblem":
-        """The same with ``steps`` Runge-Kutta steps between two frames."""
-        return replace(self, rollout_model=replace(self.rollout_model, steps=steps))
-
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """The rollout function of a set of effects, of parameters and initial states."""
         return lambda x, starts: self.rollout_model.roll_out(effects, x, starts, self.windows)[0]

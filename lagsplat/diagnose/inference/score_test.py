@@ -51,7 +51,8 @@ def score_test(
         problem.predict(effects), there.x, there.starts, problem.data, prior.step
     )
     # a change is a difference of two rollouts, whose errors of integration cancel
-    coarse = problem.with_steps(-(-problem.rollout_model.steps // 2))
+    rollout_model = problem.rollout_model
+    coarse = replace(problem, rollout_model=replace(rollout_model, steps=-(-rollout_model.steps // 2)))
     scores = []
     for candidate in candidates:
         if not candidate.changes_motion:
