@@ -1,7 +1,4 @@
-"""The score test of effects: the misfit that each would remove, to first order, without a fit.
-
-Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
-"""
+"""The score test of effects: the misfit that each would remove, to first order, without a fit."""
 
 import itertools
 from collections.abc import Sequence
