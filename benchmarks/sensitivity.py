@@ -49,9 +49,7 @@ def compare(case: str, folder: Path) -> str:
     found = identify_model(ready, windows, config, period_s=period_s)
     moves = list_free_directions(found.model, found.structure, np.std(ready.dataset.v, axis=0))
     steps = max(1, int(np.ceil(ready.dataset.dt_s * config.steps_per_period / period_s)))
-    moving = ParameterSensitivity(
-        found.model, ready.dataset, found.windows, moves, ready.smooth, steps, held=False
-    )
+    moving = ParameterSensitivity(found.model, ready.dataset, found.windows, moves, steps, held=False)
     scale = np.concatenate([np.std(ready.dataset.q, axis=0), np.std(ready.dataset.v, axis=0)])
     weight = found.windows.mask()[..., None] / ready.sigma
     data = ShootingData(found.windows.take(ready.dataset.q), weight, 1e-4 * scale)

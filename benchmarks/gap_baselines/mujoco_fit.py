@@ -216,7 +216,7 @@ def _nominal(motions: tuple[Trajectory, ...], d: int) -> tuple[Drawn, float]:
     ready = prepare_dataset(motions, period_s=period_s)
     best: tuple[Drawn, float] | None = None
     for kind in KINDS.get(d, ()):
-        size = float(np.abs(ready.smooth).max())
+        size = float(np.abs(ready.dataset.smooth).max())
         drawn = draw(kind, d, ready.dataset.u.shape[1], guess_s=period_s, dt_s=ready.dataset.dt_s, size=size)
         windows = cut_windows(ready.dataset, length_s=period_s, min_frames=12)
         bench = Bench(drawn.spec, ready, windows).subset(0, WINDOWS)
@@ -247,7 +247,7 @@ def _sequence(
         f"window{number}",
         spec,
         "real",
-        sysid.create_initial_state(model, ready.smooth[first], record.v[first]),
+        sysid.create_initial_state(model, ready.dataset.smooth[first], record.v[first]),
         sysid.TimeSeries.from_control_names(time, control, model),
         sysid.TimeSeries.from_names(time, record.q[cut], model),
     )
@@ -299,7 +299,7 @@ def _changes(drawn: Drawn, bench: Bench) -> list[Change]:
 def _inertia(model: mujoco.MjModel, ready: PreparedDataset) -> np.ndarray:
     """Diagonal of the inertia matrix in the middle of the motion."""
     data = mujoco.MjData(model)
-    data.qpos[:] = np.median(ready.smooth, axis=0)
+    data.qpos[:] = np.median(ready.dataset.smooth, axis=0)
     mujoco.mj_forward(model, data)
     whole = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, whole)

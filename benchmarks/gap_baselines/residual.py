@@ -72,7 +72,7 @@ def compute_residual(model: MechanicalModel, motions: Sequence[Trajectory]) -> R
     """
     period_s = estimate_spectral_period_s(motions)
     ready = prepare_dataset(motions, period_s=period_s)
-    record, q = ready.dataset, ready.smooth
+    record, q = ready.dataset, ready.dataset.smooth
     nominal = model.acceleration(q, record.v, record.u)
     speed = record.v.copy()
     for start, stop in record.clips:

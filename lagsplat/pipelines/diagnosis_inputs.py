@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import CALIBRATION_CHECKS, IDENTIFICATION, DiagnoseConfig
+from lagsplat.diagnose.core.config import IDENTIFICATION, RECALIBRATION, DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.checks import DataCheck, check_data
 from lagsplat.diagnose.data_quality.natural_period import (
@@ -85,7 +85,7 @@ class DiagnosisInputs:
     @property
     def _misses_itself(self) -> bool:
         """Whether the sim misses its own recordings by more than their noise."""
-        return self.sim.misfit >= CALIBRATION_CHECKS.missed_misfit
+        return self.sim.misfit >= RECALIBRATION.missed_misfit
 
     @property
     def reference(self) -> Trajectory | None:
@@ -325,7 +325,7 @@ def _open_simulator(
     if not nominal:
         return given, None
     given = _calibrate(given, null_motion, nominal, config)
-    if given.misfit < CALIBRATION_CHECKS.missed_misfit:
+    if given.misfit < RECALIBRATION.missed_misfit:
         return given, None
     recalibrated = recalibrate_simulator(given, nominal, config)
     if recalibrated is not given:
@@ -355,16 +355,16 @@ def _try_held_inputs(
     """
     change = np.concatenate([np.diff(motion.u, axis=0) for motion in nominal])
     moving = change[:, change.any(axis=0)]
-    if not moving.size or np.mean(moving == 0.0) < CALIBRATION_CHECKS.min_repeated_share:
+    if not moving.size or np.mean(moving == 0.0) < IDENTIFICATION.min_repeated_share:
         return None
     with_hold = estimate_simulator(nominal, replace(config, input_hold="zoh"))
     same_data = (
         with_hold.window_scale == known.window_scale and with_hold.outlier_spans == known.outlier_spans
     )
     if same_data and with_hold.criterion and known.criterion:
-        better = with_hold.criterion.exceed(known.criterion) < -CALIBRATION_CHECKS.min_criterion_gain
+        better = with_hold.criterion.exceed(known.criterion) < -IDENTIFICATION.min_hold_gain
     else:
-        better = with_hold.misfit < CALIBRATION_CHECKS.max_misfit_share * known.misfit
+        better = with_hold.misfit < IDENTIFICATION.max_hold_misfit_share * known.misfit
     return with_hold if better else None
 
 

@@ -131,9 +131,11 @@ def bench() -> RolloutModel:
     waves = np.sin(np.array([[2.1], [3.3], [1.7], [4.1]]) * time + phase)
     q, u = 0.6 * waves[:2].T, waves[2:].T
     v = np.gradient(q, time, axis=0)
-    record = Dataset(time, q, v, u, np.array([[0, 50], [50, 80]]), ("a", "b"), np.array([0, 1]), (0.0, 0.0))
+    record = Dataset(
+        time, q, v, u, np.array([[0, 50], [50, 80]]), ("a", "b"), np.array([0, 1]), (0.0, 0.0), q
+    )
     known = NuisanceParameters(*[0.01] * 4, np.full(2, 0.01), 0.01, 2, np.zeros((0, 0)))
-    return RolloutModel(model, record, known, 2, False, q)
+    return RolloutModel(model, record, known, 2, False)
 
 
 WINDOWS = WindowSet(np.array([0, 30, 50]), np.array([31, 20, 30]))

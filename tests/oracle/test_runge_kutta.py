@@ -149,9 +149,10 @@ def rolled(
         ("made",),
         np.zeros(1, np.int64),
         (0.0,),
+        states[:, :d],
     )
     known = NuisanceParameters(*[1.0] * 4, np.ones(d), 1.0, u.shape[1], np.zeros((0, 0)))
-    bench = RolloutModel(model, record, known, steps, held, states[:, :d])
+    bench = RolloutModel(model, record, known, steps, held)
     whole = np.concatenate([x, np.zeros(known.size)])[None]
     y, v = bench.roll_out(effects, whole, states[windows.first][None], windows)
     return y[0], v[0]
@@ -338,10 +339,18 @@ def test_every_set_of_a_batch_is_what_it_is_alone() -> None:
     time, u = uneven(20, 1)
     states = np.random.default_rng(0).normal(0.0, 0.4, (20, 4))
     record = Dataset(
-        time, states[:, :2], states[:, 2:], u, np.array([[0, 20]]), ("made",), np.zeros(1, np.int64), (0.0,)
+        time,
+        states[:, :2],
+        states[:, 2:],
+        u,
+        np.array([[0, 20]]),
+        ("made",),
+        np.zeros(1, np.int64),
+        (0.0,),
+        states[:, :2],
     )
     spare = NuisanceParameters(*[1.0] * 4, np.ones(2), 1.0, 1, np.zeros((0, 0)))
-    bench = RolloutModel(model, record, spare, 2, False, states[:, :2])
+    bench = RolloutModel(model, record, spare, 2, False)
     effects = [
         PlacedEffect(known["input_lag"], UNIT, channel=0),
         PlacedEffect(known["creep"], UNIT, direction=Direction("q0", np.array([1.0, 0.0]), 2.0)),

@@ -7,7 +7,7 @@ import pytest
 
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingData, differentiate_predictions
-from lagsplat.diagnose.estimation.rollout import ParameterSensitivity, SensitivityColumns
+from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
 from lagsplat.diagnose.mechanics.basis import differentiate_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import (
@@ -44,6 +44,7 @@ def trial(
         ("made",),
         np.zeros(1, np.int64),
         (0.0,),
+        q,
     )
     windows = cut_windows(record, length_s=0.35, min_frames=12)
     form = whole(model)
@@ -54,7 +55,7 @@ def trial(
     data = ShootingData(
         windows.take(q), windows.mask()[..., None] / rng.uniform(0.5, 2.0, d), np.full(2 * d, STEP)
     )
-    moving = ParameterSensitivity(model, record, windows, moves, q, 2, held)
+    moving = ParameterSensitivity(model, record, windows, moves, 2, held)
     return moving, np.concatenate([q, v], axis=1)[windows.first], data
 
 
@@ -102,10 +103,10 @@ def test_what_moves_alike_shares_a_column_and_what_does_not_move_has_none() -> N
     model = coupled()
     form = ModelStructure(1, 1, 3, 1)
     moves = list_free_directions(model, form, np.ones(2))
-    columns = SensitivityColumns.along(moves, model)
+    column_of, by_column = replace(trial(model)[0], model=model, moves=moves).columns
     # two entries of the mass, one fixed by the trace; three of the damping, two of the potential, four inputs
-    assert columns.moves.shape == (len(moves), 3 + 3 + 2 + 4)
-    mass, damping, potential, input_map, dry, drag = columns.of
+    assert by_column.shape == (len(moves), 3 + 3 + 2 + 4)
+    mass, damping, potential, input_map, dry, drag = column_of
     assert damping[0, 1, 0] == damping[1, 0, 0]
     assert mass[0, 0, 0] != mass[1, 1, 0]
     assert potential[0] == -1

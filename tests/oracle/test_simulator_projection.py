@@ -19,7 +19,7 @@ def swing(d: int, n_u: int, reach: float) -> Dataset:
     u = np.sin(np.outer(time, 3.0 * np.arange(1.0, n_u + 1.0)))
     clips = np.array([[0, len(time)]])
     return Dataset(
-        time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64), (0.0,)
+        time, q, np.gradient(q, time, axis=0), u, clips, ("a",), np.zeros(1, dtype=np.int64), (0.0,), q
     )
 
 
@@ -126,6 +126,14 @@ def test_a_region_covers_the_record_and_a_margin() -> None:
     assert (np.ptp(region.q, axis=0) > 2.0 * half).all()
     assert (np.ptp(region.q, axis=0) < 2.0 * half * (1.0 + 2.0 * ESTIMATION.region_margin)).all()
     still = Dataset(
-        record.time, record.q, record.v, 0.0 * record.u, record.clips, ("a",), record.file_of, (0.0,)
+        record.time,
+        record.q,
+        record.v,
+        0.0 * record.u,
+        record.clips,
+        ("a",),
+        record.file_of,
+        (0.0,),
+        record.q,
     )
     assert np.ptp(sample_operating_region(still).u) > 0.5

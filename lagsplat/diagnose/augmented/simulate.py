@@ -66,7 +66,7 @@ def simulate_augmented(
     dataset = Dataset.single_clip(time, held_q, held_v, u)
     steps = max(1, int(np.ceil(np.diff(signals.time_s).max() / simulator.step_s - 1e-9)))
     held = simulator.held if held is None else held
-    rollout_model = RolloutModel(simulator.model, dataset, simulator.nuisance, steps, held, dataset.q)
+    rollout_model = RolloutModel(simulator.model, dataset, simulator.nuisance, steps, held)
     start = np.concatenate(at)[None, None]
     window = WindowSet(np.zeros(1, dtype=np.int64), np.array([n]))
     y, rate = rollout_model.roll_out(simulator.effects, simulator.x[None], start, window)

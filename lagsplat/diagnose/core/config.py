@@ -253,15 +253,6 @@ class CHANGE_POINTS:
     max_events: int = 5  # events that are reported, at most [count]
 
 
-class COMPONENTS:
-    """Kernel regression of the residual on groups of features. Commit 09186ef."""
-
-    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
-    width_factors: tuple[float, ...] = (1.0, 3.0)  # kernel widths, over the root of the feature count [1]
-    max_samples: int = 400  # samples of the regression, at most [count]
-    correlation_z: float = 1.96  # correlation, in standard deviations [1]: the normal quantile of 0.975
-
-
 class ERROR_BUDGET:
     """Shares of the forecast error by stage, and whether images can be trusted. Commit 6e0f2c7."""
 
@@ -274,14 +265,18 @@ class ERROR_BUDGET:
     max_step_share: float = 0.02  # step of the forecast's integrator, as a share of the horizon, at most [1]
 
 
-class RESIDUAL_FEATURES:
-    """Features that the residual is regressed on. Commit 09186ef."""
+class RESIDUAL_REGRESSION:
+    """Features, and the regressions of the residual on groups of them. Commit 09186ef."""
 
     lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)  # lags of memory features [natural periods]
     reversal_rate_share: float = 0.05  # rate, as a share of its rms [1], below which the motion reverses
     block_periods: float = 0.75  # length of a block of the cross-validation [natural periods]
     folds: int = 5  # folds of the cross-validation [count]
-    max_samples: int = 800  # samples of the regression, at most [count]
+    max_samples: int = 800  # samples of a linear regression, at most [count]
+    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
+    max_kernel_samples: int = 400  # samples of a kernel regression, at most [count]
+    width_factors: tuple[float, ...] = (1.0, 3.0)  # kernel widths, over the root of the feature count [1]
+    correlation_z: float = 1.96  # correlation, in standard deviations [1]: the normal quantile of 0.975
 
 
 class LATENT_FORCE:
@@ -363,7 +358,10 @@ class NOVELTY:
 
 
 class IDENTIFICATION:
-    """Fits of a simulator to its own recordings. Commit 66f7fa5, the last four 0e95f8e."""
+    """Fits of a simulator to its own recordings. Commit 66f7fa5, the four from ``window_scales`` on 0e95f8e.
+
+    Inputs that step may be held between samples; the last three choose.
+    """
 
     max_inertia_coupling: float = 0.3  # prior standard deviation between two coordinates, over their own [1]
     min_misfit_reduction: float = 0.2  # share of the misfit that a costly larger structure must remove [1]
@@ -376,6 +374,9 @@ class IDENTIFICATION:
     min_window_frames: int = 12  # frames of a window, at least [count]
     symmetrizer_prior: float = 0.1  # weight of a unit inertia beside symmetric stiffness and damping [1]
     min_inertia: float = 0.05  # smallest principal inertia in scaled coordinates, over the largest [1]
+    min_repeated_share: float = 0.5  # share of input samples that repeat [1] where they may be held
+    min_hold_gain: float = 10.0  # decrease of the BIC that chooses held inputs [nat, doubled]
+    max_hold_misfit_share: float = 0.5  # misfit with over without held inputs [1], where windows differ
 
 
 # --- Given simulators
@@ -517,6 +518,7 @@ class RECALIBRATION:
     # With exponential tails the best of n = 60 effects has an evidence like s (ln n + G), G of a Gumbel
     # distribution: one recording's best exceeds this factor times another's in one case of twenty.
     null_evidence_factor: float = 1.85  # log evidence in another recording, over the reference's [1]
+    missed_misfit: float = 1.5  # mean square from which a sim misses its recordings [noise variances]
     degree_steps: tuple[tuple[int, int, int, int], ...] = ((0, 1, 4, 1), (0, 2, 4, 2))
     degree_steps_many: tuple[tuple[int, int, int, int], ...] = ((0, 0, 3, 0),)  # of many coordinates
     iterations_factor: int = 2  # iterations over an identification's [1]; a fitted law is stiffer
@@ -545,15 +547,3 @@ class EXPERIMENT:
     decisive: float = 5.0  # log Bayes factor [nat] that is very strong, Kass & Raftery 1995,
     # doi:10.1080/01621459.1995.10476572
     bare: float = 1.0  # the same that is not worth more than a bare mention [nat]
-
-
-# --- Inputs and verdict of the pipelines
-
-
-class CALIBRATION_CHECKS:
-    """When a given simulator is recalibrated, and when inputs are held between samples."""
-
-    missed_misfit: float = 1.5  # mean square that misses a simulator's own recordings [noise variances]
-    min_repeated_share: float = 0.5  # share of input samples that repeat [1] where they may be held
-    min_criterion_gain: float = 10.0  # decrease of the BIC that chooses held inputs [nat, doubled]
-    max_misfit_share: float = 0.5  # misfit with over without held inputs [1], where windows differ

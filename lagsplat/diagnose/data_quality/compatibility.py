@@ -54,14 +54,13 @@ def check_coordinates(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> 
         if lacking:
             what, remedy = f"no input {', '.join(lacking)}", "add the column, with zeros if nothing acted"
             findings.append(Finding("refuse", "missing input", source, what, why, remedy, tuple(lacking)))
-    moving = [name for name in extra if any(_input_moves([m], name, 1e-9) for m in real if name in m.u_names)]
+    having = {name: [motion for motion in real if name in motion.u_names] for name in extra}
+    moving = tuple(name for name in extra if any(_input_moves([m], name, 1e-9) for m in having[name]))
     if moving:
         what = f"{', '.join(moving)} moves, and the sim has no such input"
         why = "whatever it does would pass for an effect"
         remedy = "record the sim with this input, or leave the column out if it does not act"
-        findings.append(
-            Finding("undetermined", "input of one side", "real", what, why, remedy, tuple(moving))
-        )
+        findings.append(Finding("undetermined", "input of one side", "real", what, why, remedy, moving))
     elif extra:
         what = f"{', '.join(extra)} is constant, and the sim has no such input"
         why = "a constant input shows as a constant force at most"

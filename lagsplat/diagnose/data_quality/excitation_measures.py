@@ -161,17 +161,14 @@ def _measure_input(motions: Sequence[Trajectory], i: int, period_s: float) -> In
                 even = np.interp(grid, time, clip - clip.mean())
                 power.append(np.abs(np.fft.rfft(even)) ** 2)
                 frequency.append(np.fft.rfftfreq(len(grid), motion.dt_s))
-    low, high = _find_power_band(np.concatenate(frequency), np.concatenate(power)) if power else (0.0, 0.0)
+    low = high = 0.0
+    if power:  # frequencies between which nine tenths of the power lie
+        every = np.concatenate(frequency)
+        order = np.argsort(every)
+        summed = np.cumsum(np.concatenate(power)[order])
+        ends = np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])
+        low, high = (period_s * every[order][ends]).tolist()
     levels = _count_distinct(np.abs(np.array(peaks))[:500, None], np.array([size])) if peaks else 2
     crosses_zero = bool(u.min() < -0.02 * size and u.max() > 0.02 * size)
     small_share = float((np.abs(u) < 0.2 * size).mean())
-    band = (low * period_s, high * period_s)
-    return InputMeasures(name, True, crosses_zero, small_share, levels, *band, steps, reversals)
-
-
-def _find_power_band(frequency: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Frequencies [Hz] between which nine tenths of the power lie."""
-    order = np.argsort(frequency)
-    summed = np.cumsum(power[order])
-    low, high = frequency[order][np.searchsorted(summed, np.array([0.05, 0.95]) * summed[-1])].tolist()
-    return low, high
+    return InputMeasures(name, True, crosses_zero, small_share, levels, low, high, steps, reversals)

@@ -225,10 +225,15 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
     The motion during a run of equal samples is that of the cubic through the two samples before and the two
     after it: at a turning point, or between two counts of an encoder, it comes to nothing.
     """
-    runs = _find_equal_runs(motion)
-    if not len(runs):
+    same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
+    runs = [(run.start, run.stop) for (run,) in find_objects(label(same)[0])]
+    spans = np.array(runs, dtype=int).reshape(-1, 2)
+    # two other samples of the clip on each side
+    joined = np.pad(motion.joined, 2)
+    inside = (joined[spans[:, :1] + [0, 1]] & joined[spans[:, 1:] + [2, 3]]).all(axis=1)
+    first, last = spans[inside & (np.diff(spans, axis=1)[:, 0] <= SAMPLING.max_repeats)].T
+    if not len(first):
         return []
-    first, last = runs.T
     outside = np.stack([first - 2, first - 1, last + 1, last + 2], axis=1)
     middle_s = 0.5 * (motion.time_s[first] + motion.time_s[last])
     half_s = 0.5 * (motion.time_s[last] - motion.time_s[first])
@@ -247,13 +252,3 @@ def _check_repeats(motion: Trajectory, noise: MeasurementNoise) -> list[Finding]
     why = "a sample that is given twice is a sample that was lost"
     remedy = "record without losses; `frame_drops` is among the candidates"
     return [Finding("warn", REPEATED_SAMPLES_CHECK, motion.source, what, why, remedy)]
-
-
-def _find_equal_runs(motion: Trajectory) -> np.ndarray:
-    """First and last sample (R, 2) of runs of equal samples, with two others of their clip on each side."""
-    same = (np.diff(motion.q, axis=0) == 0.0).all(axis=1) & motion.joined
-    runs = [(run.start, run.stop) for (run,) in find_objects(label(same)[0])]
-    first, last = spans = np.array(runs, dtype=int).reshape(-1, 2).T
-    joined = np.pad(motion.joined, 2)  # the two steps before and after a run
-    inside = joined[first] & joined[first + 1] & joined[last + 2] & joined[last + 3]
-    return spans.T[inside & (last - first <= SAMPLING.max_repeats)]

@@ -22,7 +22,6 @@ class Scales:
     duration_s: float  # length of the recording [s]
     stiffness: float = 1.0  # second derivative of the potential at rest over the reference inertia [1/s^2]
     input: float = 1.0  # root mean square of the input
-    input_reach: float = 1.0  # largest absolute value of the input
     drive: float = 1.0  # root mean square of the acceleration that the inputs give [1/s^2]
 
     def of(self, kind: str) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
-from lagsplat.diagnose.data_quality.noise import fit_over_time, measure_noise
+from lagsplat.diagnose.data_quality.noise import LocalFit, fit_over_time, measure_noise
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
@@ -30,11 +30,12 @@ class Dataset:
     files: tuple[str, ...]
     file_of: Int64[np.ndarray, " C"]  # number of the file of each clip
     shifts_s: tuple[float, ...]  # what each file's clock shows at zero of the common one [s]
+    smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates, as the velocities
 
     @classmethod
     def single_clip(cls, time: np.ndarray, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> "Dataset":
         """Frames without a cut that belong to no file."""
-        return cls(time, q, v, u, np.array([[0, len(time)]]), ("",), np.zeros(1, dtype=np.int64), (0.0,))
+        return cls(time, q, v, u, np.array([[0, len(time)]]), ("",), np.zeros(1, dtype=np.int64), (0.0,), q)
 
     @property
     def d(self) -> int:
@@ -87,9 +88,9 @@ class WindowSet:
         index = self.first[:, None] + np.minimum(np.arange(self.longest), self.length[:, None] - 1)
         return values[index]
 
-    def initial_states(self, smooth: np.ndarray, dataset: Dataset) -> Float64[np.ndarray, "W s"]:
-        """States of the windows' first frames by smoothed coordinates (N, d) and estimated velocities."""
-        return np.concatenate([smooth, dataset.v], axis=1)[self.first]
+    def initial_states(self, dataset: Dataset) -> Float64[np.ndarray, "W s"]:
+        """States of the windows' first frames by smoothed coordinates and estimated velocities."""
+        return np.concatenate([dataset.smooth, dataset.v], axis=1)[self.first]
 
     def select(self, chosen: np.ndarray) -> "WindowSet":
         """The windows that ``chosen``, a mask or an index, selects."""
@@ -121,8 +122,8 @@ def drop_overlapping_windows(windows: WindowSet, dataset: Dataset, others: Seque
     return windows.select(~np.array(overlapping, dtype=bool))
 
 
-def join_trajectories(trajectories: Sequence[Trajectory], velocities: Sequence[np.ndarray]) -> Dataset:
-    """One dataset of ``trajectories`` with their velocity estimates."""
+def join_trajectories(trajectories: Sequence[Trajectory], fits: Sequence[LocalFit]) -> Dataset:
+    """One dataset of ``trajectories`` with their smoothed coordinates and velocity estimates."""
     clips, file_of, offset, shifts = [], [], 0, compute_clock_shifts(trajectories)
     times = []
     for number, (trajectory, shift) in enumerate(zip(trajectories, shifts, strict=True)):
@@ -134,12 +135,13 @@ def join_trajectories(trajectories: Sequence[Trajectory], velocities: Sequence[n
     return Dataset(
         time=np.concatenate(times),
         q=np.concatenate([m.q for m in trajectories]),
-        v=np.concatenate(velocities),
+        v=np.concatenate([fit.v for fit in fits]),
         u=np.concatenate([m.u for m in trajectories]),
         clips=np.array(clips, dtype=np.int64),
         files=tuple(m.source for m in trajectories),
         file_of=np.array(file_of, dtype=np.int64),
         shifts_s=shifts,
+        smooth=np.concatenate([fit.q for fit in fits]),
     )
 
 
@@ -240,7 +242,6 @@ class PreparedDataset:
     """A dataset with what was estimated from it."""
 
     dataset: Dataset
-    smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates
     acceleration: Float64[np.ndarray, "N d"]  # accelerations [1/s^2]
     sigma: Float64[np.ndarray, " d"]  # standard deviation of the measurement noise
 
@@ -258,8 +259,8 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s
     fits = [fit_over_time(motion, width_s=width_s) for motion in trajectories]
-    smooth, bend = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("q", "a"))
-    return PreparedDataset(join_trajectories(trajectories, [fit.v for fit in fits]), smooth, bend, sigma)
+    acceleration = np.concatenate([fit.a for fit in fits])
+    return PreparedDataset(join_trajectories(trajectories, fits), acceleration, sigma)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Rollouts of a model over the windows of a dataset, from parameters to what would be measured."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -37,8 +37,6 @@ class RolloutModel:
     nuisance: NuisanceParameters
     steps: int  # substeps of a rollout between two frames
     held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
-    smooth: Float64[np.ndarray, "N d"] = field(repr=False)
-    """Smoothed coordinates, along which memories of effects are carried to the windows' starts."""
     payload: float = 0.0  # known inertia that is added to the mechanism, as a share of that at rest [1]
 
     @cached_property
@@ -62,7 +60,7 @@ class RolloutModel:
     @cached_property
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
         """The model's conservative and actuated forces (N, d) along the recorded motion."""
-        return self.model.spring(self.smooth), self.model.drive(self.smooth, self.dataset.u)
+        return self.model.spring(self.dataset.smooth), self.model.drive(self.dataset.smooth, self.dataset.u)
 
     def roll_out(
         self,
@@ -180,13 +178,13 @@ class RolloutModel:
     def _memory(
         self, effect: ForceEffect, direction: Direction, theta: np.ndarray, initial: np.ndarray
     ) -> Float64[np.ndarray, "P N Z"]:
-        """Memory at every frame, integrated along the recorded motion.
+        """Memory at every frame, integrated along the smoothed motion.
 
         ``theta`` (P, n) are the law's parameters, ``initial`` the memory's free values where clips begin.
         """
         p, dataset = direction.covector, self.dataset
         spring, drive = self.forces
-        s, v = (self.smooth - self.model.rest) @ p, dataset.v @ p
+        s, v = (dataset.smooth - self.model.rest) @ p, dataset.v @ p
         distinct, which = np.unique(np.concatenate([theta, initial], axis=1), axis=0, return_inverse=True)
         law_theta, free = distinct[:, : theta.shape[1]], distinct[:, theta.shape[1] :]
         out = np.zeros((len(distinct), len(s), effect.n_memory))
@@ -207,27 +205,6 @@ def move_functions_last(coefficients: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class SensitivityColumns:
-    """The columns of a sensitivity: coefficients that always change by the same amount share a column."""
-
-    of: tuple[np.ndarray, ...]
-    """Column of each coefficient, shaped as `COEFFICIENT_FIELDS`; -1 where none changes it."""
-    moves: Float64[np.ndarray, "n C"]  # how far each of `n` moves takes the coefficients of each column
-
-    @classmethod
-    def along(cls, moves: Float64[np.ndarray, "n K"], model: MechanicalModel) -> "SensitivityColumns":
-        """The columns of those coefficients of ``model`` that ``moves`` change at all."""
-        touched = np.flatnonzero(moves.any(axis=0))
-        distinct, which = np.zeros((len(moves), 0)), np.zeros(0, np.int64)
-        if len(touched):
-            distinct, which = np.unique(moves[:, touched], axis=1, return_inverse=True)
-        column = np.full(moves.shape[1], -1, np.int64)
-        column[touched] = which.reshape(-1)
-        parts = split_coefficients(column, model).values()
-        return cls(tuple(move_functions_last(part[None])[0] for part in parts), distinct)
-
-
-@dataclass(frozen=True)
 class ParameterSensitivity:
     """Rollouts of ``model`` with its coefficients moved along ``moves``, and their exact derivatives."""
 
@@ -235,7 +212,6 @@ class ParameterSensitivity:
     dataset: Dataset
     windows: WindowSet
     moves: Float64[np.ndarray, "n K"]
-    smooth: Float64[np.ndarray, "N d"]
     steps: int  # substeps between two frames
     held: bool  # inputs are held between samples (zero-order hold) instead of interpolated
 
@@ -244,12 +220,23 @@ class ParameterSensitivity:
         """The rollouts, with the extent of each move as the only nuisance parameters."""
         d, n_u = self.model.d, self.model.n_u
         nuisance = NuisanceParameters(1.0, 1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
-        return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held, self.smooth)
+        return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held)
 
     @cached_property
-    def columns(self) -> SensitivityColumns:
-        """The columns of the derivatives."""
-        return SensitivityColumns.along(self.moves, self.model)
+    def columns(self) -> tuple[tuple[np.ndarray, ...], Float64[np.ndarray, "n C"]]:
+        """Column of each coefficient in the derivatives, shaped as `COEFFICIENT_FIELDS`, and how far each
+        move takes the coefficients of each column.
+
+        Coefficients that always change by the same amount share a column; those that never do have -1.
+        """
+        touched = np.flatnonzero(self.moves.any(axis=0))
+        distinct, which = np.zeros((len(self.moves), 0)), np.zeros(0, np.int64)
+        if len(touched):
+            distinct, which = np.unique(self.moves[:, touched], axis=1, return_inverse=True)
+        column = np.full(self.moves.shape[1], -1, np.int64)
+        column[touched] = which.reshape(-1)
+        parts = split_coefficients(column, self.model).values()
+        return tuple(move_functions_last(part[None])[0] for part in parts), distinct
 
     def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
@@ -260,7 +247,8 @@ class ParameterSensitivity:
     def derivatives(self, x: np.ndarray, starts: np.ndarray, data: ShootingData) -> Linearization:
         """As `differentiate_predictions` of multiple shooting, but exact, by the variational equations."""
         model, windows = shift_coefficients(self.model, x @ self.moves), self.windows
-        n = self.columns.moves.shape[1]
+        column_of, by_column = self.columns
+        n = by_column.shape[1]
         fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
         used = max(len(field) for field in fields[:4])
         y = np.zeros(data.y.shape)
@@ -268,7 +256,7 @@ class ParameterSensitivity:
         roll_out_with_sensitivities(
             model.basis.first(used).arrays,
             (*(move_functions_last(field[None])[0] for field in fields), model.width, model.rest),
-            self.columns.of,
+            column_of,
             n,
             np.ascontiguousarray(starts),
             windows.first,
@@ -281,4 +269,4 @@ class ParameterSensitivity:
         )
         slopes *= data.weight[..., None]
         flat = slopes.reshape(len(starts), -1, slopes.shape[-1])
-        return (data.y - y) * data.weight, flat[..., :n] @ self.columns.moves.T, flat[..., n:]
+        return (data.y - y) * data.weight, flat[..., :n] @ by_column.T, flat[..., n:]

@@ -83,11 +83,11 @@ def simulate_experiment(
     still = np.repeat(experiment.start[None], n, axis=0)
     time = experiment.time_s + old.dataset.time[-1] + FILE_BREAK_S
     record = Dataset.single_clip(time, still, np.zeros((n, d)), experiment.u)
-    model = replace(old, dataset=record, smooth=still, payload=experiment.payload)
+    model = replace(old, dataset=record, payload=experiment.payload)
     whole = cut_windows(record, length_s=np.inf, min_frames=2)
     start = np.concatenate([experiment.start, np.zeros(d)])[None, None]
     y, v = (each[0, 0] for each in model.roll_out(hypothesis.effects, hypothesis.x[None], start, whole))
-    return replace(model, dataset=replace(record, q=y, v=v), smooth=y), np.concatenate([y, v], axis=1)
+    return replace(model, dataset=replace(record, q=y, v=v, smooth=y)), np.concatenate([y, v], axis=1)
 
 
 def compute_separation(

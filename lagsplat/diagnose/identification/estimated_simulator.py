@@ -66,7 +66,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         if len(kept.first) >= NOVELTY.min_windows:
             windows = kept
         identified, outliers = drop_outlier_windows(identify(windows), identify)
-        model = move_rest_to_minimum(identified.model, ready.smooth)
+        model = move_rest_to_minimum(identified.model, ready.dataset.smooth)
         return EstimatedSimulator(
             model,
             identified.uncertainty_directions,

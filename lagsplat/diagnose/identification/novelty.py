@@ -48,21 +48,17 @@ class NoveltyDetector:
     max_distance: float  # distance to the nearest point beyond which a window is novel
 
     @classmethod
-    def from_recordings(
-        cls, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], dataset: Dataset
-    ) -> "NoveltyDetector":
+    def from_recordings(cls, windows: WindowSet, dataset: Dataset) -> "NoveltyDetector":
         """The detector of a simulator whose recordings are ``dataset``."""
-        points = window_features(windows, smooth, dataset)
+        points = window_features(windows, dataset)
         mean, spread = points.mean(axis=0), np.maximum(points.std(axis=0), 1e-12)
         tree = KDTree((points - mean) / spread)
         distance = tree.query(tree.data, k=2)[0][:, 1]  # the nearest is the point itself
         return cls(mean, spread, tree, float(np.quantile(distance, NOVELTY.distance_quantile)))
 
-    def find_similar(
-        self, windows: WindowSet, smooth: Float64[np.ndarray, "N d"], dataset: Dataset
-    ) -> Bool[np.ndarray, " W"]:
+    def find_similar(self, windows: WindowSet, dataset: Dataset) -> Bool[np.ndarray, " W"]:
         """Which windows of another recording resemble a window of the simulator."""
-        points = (window_features(windows, smooth, dataset) - self.mean) / self.spread
+        points = (window_features(windows, dataset) - self.mean) / self.spread
         return self.points.query(points)[0] <= self.max_distance
 
     def find_nearest(
@@ -73,11 +69,9 @@ class NoveltyDetector:
         return np.asarray(tree.query((wanted - self.mean) / self.spread)[1], dtype=np.int64)
 
 
-def window_features(
-    windows: WindowSet, smooth: Float64[np.ndarray, "N d"], dataset: Dataset
-) -> Float64[np.ndarray, "W f"]:
+def window_features(windows: WindowSet, dataset: Dataset) -> Float64[np.ndarray, "W f"]:
     """Mean and standard deviation of coordinates, velocities and inputs over every window."""
-    signals = [windows.take(values) for values in (smooth, dataset.v, dataset.u)]
+    signals = [windows.take(values) for values in (dataset.smooth, dataset.v, dataset.u)]
     return np.concatenate([f(values, axis=1) for values in signals for f in (np.mean, np.std)], axis=1)
 
 

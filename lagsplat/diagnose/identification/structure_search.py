@@ -97,7 +97,6 @@ class IdentificationProblem:
     """The recordings of a simulator, ready for multiple shooting."""
 
     dataset: Dataset
-    smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates
     windows: WindowSet
     data: ShootingData
     steps: int  # substeps between two frames
@@ -117,12 +116,12 @@ class IdentificationProblem:
     @property
     def initial_states(self) -> Float64[np.ndarray, "W s"]:
         """Initial states of the windows."""
-        return self.windows.initial_states(self.smooth, self.dataset)
+        return self.windows.initial_states(self.dataset)
 
     def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
         """Rollouts of a model with its coefficients moved along ``moves`` (n, K)."""
         held = self.config.input_hold == "zoh"
-        return ParameterSensitivity(model, self.dataset, self.windows, moves, self.smooth, self.steps, held)
+        return ParameterSensitivity(model, self.dataset, self.windows, moves, self.steps, held)
 
     def linearise(
         self, model: MechanicalModel, moves: np.ndarray, starts: np.ndarray
@@ -232,7 +231,7 @@ def fit_first_model(
 
     def regress(share: float, *ridges: float) -> list[MechanicalModel]:
         samples = weak_form.build_weak_form_samples(
-            basis, n_potential, problem.dataset, problem.smooth, width_s=share * test_s, speed=width
+            basis, n_potential, problem.dataset, width_s=share * test_s, speed=width
         )
         rows, known = weak_form.build_regressors(samples)
         fits = [weak_form.solve_ridge(rows, known, ridge) for ridge in ridges]
@@ -307,7 +306,7 @@ def identify_model(
         1e-4 * np.concatenate([np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)]),
     )
     steps = max(1, int(np.ceil(dataset.dt_s * config.steps_per_period / period_s)))
-    problem = IdentificationProblem(dataset, ready.smooth, windows, data, steps, config)
+    problem = IdentificationProblem(dataset, windows, data, steps, config)
     degree = {1: 7, 2: 5}.get(dataset.d, 3)  # of the polynomials; the number of terms grows fast with d
     candidates = []
     for basis in build_candidate_bases(dataset.q, degree=degree):

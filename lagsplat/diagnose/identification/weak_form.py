@@ -26,19 +26,18 @@ class WeakFormSamples:
     basis: Basis
     n_potential: int  # functions of the potential; all other fields are constant
     dataset: Dataset
-    q: Float64[np.ndarray, "N d"]  # smoothed coordinates
     width: Float64[np.ndarray, " d"]  # speed below which dry friction is linear
     tests: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
     """Frames of each test function, and its values and its time derivative there, both times the step [s]."""
 
 
 def build_weak_form_samples(
-    basis: Basis, n_potential: int, dataset: Dataset, q: np.ndarray, *, width_s: float, speed: np.ndarray
+    basis: Basis, n_potential: int, dataset: Dataset, *, width_s: float, speed: np.ndarray
 ) -> WeakFormSamples:
     """Place test functions ``(1 - s^2)^4``, ``width_s`` [s] wide, on all clips, a quarter of that apart.
 
-    ``n_potential`` is the number of functions of the potential, ``q`` (N, d) are the smoothed coordinates and
-    ``speed`` (d,) is that below which dry friction is linear.
+    ``n_potential`` is the number of functions of the potential, ``speed`` (d,) is that below which dry
+    friction is linear.
     """
     tests = []
     for start, stop in dataset.clips:
@@ -54,7 +53,7 @@ def build_weak_form_samples(
             tests.append(
                 (slice(start + first, start + last), value * step[first:last], rate * step[first:last])
             )
-    return WeakFormSamples(basis, n_potential, dataset, q, speed, tuple(tests))
+    return WeakFormSamples(basis, n_potential, dataset, speed, tuple(tests))
 
 
 def build_regressors(samples: WeakFormSamples) -> tuple[np.ndarray, np.ndarray]:
@@ -63,8 +62,8 @@ def build_regressors(samples: WeakFormSamples) -> tuple[np.ndarray, np.ndarray]:
 
     The coefficients are those of inertia, potential, damping and inputs, as `build_model` takes them.
     """
-    v, u, d = samples.dataset.v, samples.dataset.u, samples.q.shape[1]
-    slope = samples.basis.slopes(samples.q)[:, 1 : samples.n_potential]
+    v, u, d = samples.dataset.v, samples.dataset.u, samples.dataset.d
+    slope = samples.basis.slopes(samples.dataset.smooth)[:, 1 : samples.n_potential]
     losses = np.einsum("pij,nj->pni", make_symmetric_basis(d), v)
     drive = -np.einsum("nc,ij->cinj", u, np.eye(d)).reshape(-1, *v.shape)
     # a column is  int psi force + int psi' momentum, each (N, d)
@@ -87,7 +86,7 @@ def _list_free_inertias(d: int) -> Float64[np.ndarray, "P d d"]:
 
 def build_model(samples: WeakFormSamples, coefficients: Float64[np.ndarray, " K"]) -> MechanicalModel:
     """The model with the coefficients of a regression."""
-    d, inertias = samples.q.shape[1], _list_free_inertias(samples.q.shape[1])
+    d, inertias = samples.dataset.d, _list_free_inertias(samples.dataset.d)
     pairs = make_symmetric_basis(d)
     ends = np.cumsum([len(inertias), samples.n_potential - 1, len(pairs)])
     mass, potential, damping, gain = np.split(coefficients, ends)
@@ -128,11 +127,11 @@ def fit_explicit_model(samples: WeakFormSamples, ridge: float) -> MechanicalMode
     Returns:
         None where the potential is not a quadratic one.
     """
-    basis, u, d = samples.basis, samples.dataset.u, samples.q.shape[1]
+    basis, u, d = samples.basis, samples.dataset.u, samples.dataset.d
     order = basis.order[: samples.n_potential]
     if (basis.kind[: len(order)] != POWER).any() or order.sum(axis=1).max() != 2:
         return None
-    x, rate = (samples.q - basis.centre) / basis.scale, samples.dataset.v / basis.scale
+    x, rate = (samples.dataset.smooth - basis.centre) / basis.scale, samples.dataset.v / basis.scale
     columns = np.concatenate([np.ones((len(x), 1)), x, rate, u], axis=1)
     rows = np.array([value @ columns[frames] for frames, value, _ in samples.tests])
     known = np.array([-slope @ rate[frames] for frames, _, slope in samples.tests])

@@ -110,9 +110,7 @@ def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -
     each block: without effects, with effects, and as expected if the model is true.
     """
     above = bootstrap_blocks(lambda b, f: b - f, before, floor)
-    assert above.value is not None
-    assert above.low is not None
-    if above.value <= 0.0 or above.low <= 0.0:
+    if min(above.value or 0.0, above.low or 0.0) <= 0.0:
         return Interval(None, None, None)
     return bootstrap_blocks(lambda b, a, f: (b - a) / np.maximum(b - f, 1e-12), before, after, floor)
 
@@ -194,10 +192,8 @@ class HeldOutBlocks:
     def forecast_given(self, model: MechanicalModel) -> HeldOutForecast:
         """Forecast the blocks with a model as it is."""
         rollout_model = replace(self.problem.rollout_model, model=model)
-        problem, still = (
-            replace(self.problem, rollout_model=rollout_model),
-            np.zeros(rollout_model.nuisance.size),
-        )
+        problem = replace(self.problem, rollout_model=rollout_model)
+        still = np.zeros(rollout_model.nuisance.size)
         return self.measure(forecast_blocks(problem, self.blocks, (), still), None)
 
     def measure(self, forecast: Forecast, hypothesis: HypothesisFit | None) -> HeldOutForecast:

@@ -85,7 +85,8 @@ def rank_hypotheses(
         for test in interleave([[test for test in row if test.name == name] for row in tests]):
             by_place.setdefault(id(test.placed), []).append(test)
         places = list(by_place.values())
-        for place in places[: count_places(places[0][0].placed, config)]:
+        variants = places[0][0].placed.effect.variants
+        for place in places[: config.places * len(variants)]:
             found.append(try_candidate(problem, base.effects, place, starts=config.starts, windows=windows))
     return finish_fits(problem, base, found, candidates, budget)
 
@@ -94,11 +95,6 @@ def interleave(rows: Sequence[Sequence[Any]]) -> list[Any]:
     """The first of every row, then the second of every row, and so on."""
     longest = max((len(row) for row in rows), default=0)
     return [row[k] for k in range(longest) for row in rows if k < len(row)]
-
-
-def count_places(placed: PlacedEffect, config: DiagnoseConfig) -> int:
-    """Places at which an effect is fitted: as many for each of its variants."""
-    return config.places * len(placed.effect.variants)
 
 
 def finish_fits(

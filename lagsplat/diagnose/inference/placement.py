@@ -52,8 +52,10 @@ def place_effects(
     inputs = []
     for j, u in enumerate(record.u.T):
         if np.ptp(u) > 0.0 and u_names[j] not in computed:
-            scales = replace(whole, input=_rms(u), input_reach=float(np.abs(u).max()))
-            inputs.append((j, u_names[j], scales))
+            inputs.append((j, u_names[j], replace(whole, input=_rms(u))))
+    # force by each input over the reference inertia, at rest [1/s^2]: of a target its controller's gain
+    at_rest = np.repeat(model.rest[None], model.n_u, axis=0)
+    gains = model.drive(at_rest, np.eye(model.n_u)) / np.diag(model.inertia)
     joints = combinations(range(model.d if model.d <= PROBLEM.max_joint_coordinates else 0), 2)
     # the longest clips show best where a memory began
     by_length = np.argsort(np.diff(record.clips, axis=1)[:, 0], kind="stable")[::-1]
@@ -66,20 +68,13 @@ def place_effects(
         whole=whole,
         longest_clips=tuple(sorted(by_length[: PROBLEM.free_memory_clips].tolist())),
         constant_inertia=len(model.mass) == 1,
-        targets=tuple((j, i, _target_gain(model, j, i)) for j, i in servos),
+        targets=tuple((j, i, float(gains[j, i])) for j, i in servos),
     )
     effects = [effect for effect in catalogue().values() if effect.name not in without]
     effects = [effect for effect in effects if not (computed and effect.needs_all_forces)]
     spared = tuple(j for j, name in enumerate(u_names) if name in computed)
     placed = [place for effect in effects for place in finder.find(effect) if place.scales.reach > 0.0]
     return [replace(place, spared=spared) for place in placed] if spared else placed
-
-
-def _target_gain(model: MechanicalModel, channel: int, coordinate: int) -> float:
-    """Force by a position target over the reference inertia, at rest [1/s^2]: the gain of its controller."""
-    unit = np.eye(model.n_u)[channel]
-    force = model.drive(model.rest[None], unit[None])[0, coordinate]
-    return float(force / model.inertia[coordinate, coordinate])
 
 
 def _rms(x: Float64[np.ndarray, " N"]) -> float:
@@ -89,7 +84,7 @@ def _rms(x: Float64[np.ndarray, " N"]) -> float:
 def measure_motion_scales(rollout_model: RolloutModel, place: Direction, variant: str = "") -> Scales:
     """Sizes of the recorded motion along a direction."""
     model, record, p = rollout_model.model, rollout_model.dataset, place.covector
-    s, v = (rollout_model.smooth - model.rest) @ p, record.v @ p
+    s, v = (record.smooth - model.rest) @ p, record.v @ p
     reach = {"upper": s.max(), "lower": -s.min()}.get(variant, np.abs(s).max())
     size = _rms(s)
     return Scales(

@@ -88,7 +88,7 @@ class EstimationProblem:
     @cached_property
     def initial_states(self) -> np.ndarray:
         """Initial states of the windows from the smoothed data, (W, 2 d)."""
-        return self.windows.initial_states(self.rollout_model.smooth, self.dataset)
+        return self.windows.initial_states(self.dataset)
 
     def shorten(self, longest_s: float) -> "EstimationProblem":
         """The same on evenly spaced windows that last at most about ``longest_s`` together."""
@@ -97,10 +97,6 @@ class EstimationProblem:
     def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
         """The same with other uncertainties of the sim."""
         return replace(self, rollout_model=replace(self.rollout_model, nuisance=nuisance))
-
-    def with_steps(self, steps: int) -> "EstimationProblem":
-        """The same with ``steps`` Runge-Kutta steps between two frames."""
-        return replace(self, rollout_model=replace(self.rollout_model, steps=steps))
 
     def predict(self, effects: Sequence[PlacedEffect]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         """The rollout function of a set of effects, of parameters and initial states."""
@@ -226,7 +222,7 @@ def _build_problem(
     ready = prepare_dataset(real, period_s=shortest_s)
     record = ready.dataset
     omega = 2.0 * np.pi / longest_s
-    force = np.var(record.v, axis=0) / np.maximum(np.std(ready.smooth, axis=0), 1e-12)
+    force = np.var(record.v, axis=0) / np.maximum(np.std(record.smooth, axis=0), 1e-12)
     nuisance = NuisanceParameters(
         config.potential,
         config.damping * omega,
@@ -243,7 +239,7 @@ def _build_problem(
     if len(windows.first) < 4:
         windows = cut_windows(record, length_s=min(reach_s, longest_s), min_frames=PROBLEM.min_window_frames)
     problem = EstimationProblem(
-        RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh", ready.smooth),
+        RolloutModel(model, record, nuisance, steps, config.input_hold == "zoh"),
         windows=windows,
         sigma=ready.sigma,
         iterations=config.iterations,
@@ -260,14 +256,14 @@ def _build_problem(
 
 def _leave_out_unknown(problem: EstimationProblem, sim: EstimatedSimulator) -> EstimationProblem:
     """The problem without the windows in which the sim was never seen, unless they are too many."""
-    windows, smooth = problem.windows, problem.rollout_model.smooth
+    windows = problem.windows
     known = np.ones(len(windows.first), dtype=bool)
     if sim.novelty_detector is not None:
-        known &= sim.novelty_detector.find_similar(windows, smooth, problem.dataset)
+        known &= sim.novelty_detector.find_similar(windows, problem.dataset)
     if sim.known_region is not None:
         as_given = np.zeros((1, problem.rollout_model.nuisance.size))
         predicted = problem.predict(())(as_given, problem.initial_states[None])[0]
-        known &= sim.known_region.find_inside(windows.take(smooth), predicted)
+        known &= sim.known_region.find_inside(windows.take(problem.dataset.smooth), predicted)
     if not known.sum() > PROBLEM.min_known_share * len(known):
         return problem
     excluded = int(np.count_nonzero(~known))

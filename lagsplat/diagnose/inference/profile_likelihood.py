@@ -29,17 +29,6 @@ def compute_posterior_deviations(
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def compute_laplace_interval(
-    hypothesis: HypothesisFit, prior: shooting.GaussianPrior, noise_inflation: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of the effects at both ends of their 90 % intervals."""
-    n = hypothesis.n_effect_parameters
-    deviation = compute_posterior_deviations(hypothesis.fit, prior, noise_inflation)[:n]
-    best, spread = hypothesis.fit.x[:n], VERDICT.deviation_factor * deviation + VERDICT.deviation_floor
-    low, high = best - VERDICT.interval_z * spread, best + VERDICT.interval_z * spread
-    return np.maximum(low, prior.lowest[:n]), high
-
-
 def estimate_refit(
     problem: EstimationProblem,
     none: HypothesisFit,
@@ -82,12 +71,14 @@ def estimate_parameters(
             out[name] = Parameter(sized[0], sized[1], sized[2], UNITS[kinds[name]])
         return out
     prior = make_joint_prior(hypothesis.fitted, problem.rollout_model)
-    low, high = compute_laplace_interval(hypothesis, prior, noise_inflation)
     cut, record = hypothesis.parameter_slice(placed), problem.dataset
+    deviation = compute_posterior_deviations(hypothesis.fit, prior, noise_inflation)[cut]
+    reach = VERDICT.interval_z * (VERDICT.deviation_factor * deviation + VERDICT.deviation_floor)
     best = hypothesis.fit.x[cut]
+    low, high = np.maximum(best - reach, prior.lowest[cut]), best + reach
     published = list_published_parameters(placed, best, record)
     moved = []  # with one parameter after another at either end of its interval
-    for i, ends in enumerate(zip(low[cut], high[cut], strict=True)):
+    for i, ends in enumerate(zip(low, high, strict=True)):
         for end in ends:
             x = best.copy()
             x[i] = end

@@ -129,9 +129,7 @@ def choose_null_windows(
     if sim.novelty_detector is None:
         return own.shorten(config.reference_longest_s)
     other = build_problem(sim, real, config)
-    own_features, features = (
-        window_features(each.windows, each.rollout_model.smooth, each.dataset) for each in (own, other)
-    )
+    own_features, features = (window_features(each.windows, each.dataset) for each in (own, other))
     chosen = sim.novelty_detector.find_nearest(features, own_features)
     return replace(own, windows=own.windows.select(chosen))
 
@@ -157,13 +155,12 @@ def recalibrate_simulator(
         ValueError: the motions are too short for a single window.
     """
     problem = build_problem(sim, motions, config)
-    smooth, record = problem.rollout_model.smooth, problem.dataset
     windows = problem.shorten(2.0 * config.reference_longest_s).windows
 
     def take_half(first: int) -> IdentificationProblem:
         chosen = windows.select(np.arange(len(windows.first)) % 2 == first)
         data = replace(problem, windows=chosen).data
-        return IdentificationProblem(record, smooth, chosen, data, problem.rollout_model.steps, config)
+        return IdentificationProblem(problem.dataset, chosen, data, problem.rollout_model.steps, config)
 
     training, validation = take_half(0), take_half(1)
     misfit, best = validation.compute_misfit(sim.model), None
@@ -184,7 +181,7 @@ def recalibrate_simulator(
         model=replace(best.model, rest=find_rest(best.model)),
         original=sim,
         uncertainty_directions=_unidentified_directions(best, training),
-        novelty_detector=NoveltyDetector.from_recordings(problem.windows, smooth, record),
+        novelty_detector=NoveltyDetector.from_recordings(problem.windows, problem.dataset),
     )
 
 
@@ -226,7 +223,7 @@ def find_independent_directions(
     """
     record = trial.dataset
     at = np.unique(np.linspace(0, len(record.q) - 1, RECALIBRATION.direction_samples).astype(int))
-    q, v, u = trial.smooth[at], record.v[at], record.u[at]
+    q, v, u = record.smooth[at], record.v[at], record.u[at]
     base = model.acceleration(q, v, u)
     size = np.linalg.cholesky(np.linalg.pinv(base.T @ base / len(at)) + 1e-12 * np.eye(model.d))
     plain, step = structure.list_free_directions(model, form, trial.speed), RECALIBRATION.direction_step

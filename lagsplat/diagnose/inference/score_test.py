@@ -1,7 +1,4 @@
-"""The score test of effects: the misfit that each would remove, to first order, without a fit.
-
-Source: the score (Lagrange multiplier) test, Rao, 1948, doi:10.1017/S0305004100023987.
-"""
+"""The score test of effects: the misfit that each would remove, to first order, without a fit."""
 
 import itertools
 from collections.abc import Sequence
@@ -51,7 +48,8 @@ def score_test(
         problem.predict(effects), there.x, there.starts, problem.data, prior.step
     )
     # a change is a difference of two rollouts, whose errors of integration cancel
-    coarse = problem.with_steps(-(-problem.rollout_model.steps // 2))
+    rollout_model = problem.rollout_model
+    coarse = replace(problem, rollout_model=replace(rollout_model, steps=-(-rollout_model.steps // 2)))
     scores = []
     for candidate in candidates:
         if not candidate.changes_motion:

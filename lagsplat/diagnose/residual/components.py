@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import correlate
 
-from lagsplat.diagnose.core.config import COMPONENTS, RESIDUAL_FEATURES
+from lagsplat.diagnose.core.config import RESIDUAL_REGRESSION
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, ResidualFeatures, compute_input_rates
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 
@@ -46,7 +46,7 @@ def compute_explained_share(
     """Share of the residual's square that a ridge regression on ``columns`` predicts on left-out blocks.
 
     It is measured against zero, not the mean, because a constant force is a finding; it is the best of
-    `COMPONENTS.ridges`, and at least zero.
+    `RESIDUAL_REGRESSION.ridges`, and at least zero.
     """
     return _FoldedRegression(features, coordinate, columns).score(np.arange(columns.shape[1]))
 
@@ -73,7 +73,7 @@ class _FoldedRegression:
         rms = np.sqrt(weight @ columns**2)
         x = np.sqrt(weight)[:, None] * columns / np.where(rms > 0.0, rms, 1.0)
         y = np.sqrt(weight) * features.target[:, coordinate]
-        folds = [features.fold == fold for fold in range(RESIDUAL_FEATURES.folds)]
+        folds = [features.fold == fold for fold in range(RESIDUAL_REGRESSION.folds)]
         self.gram = np.stack([x[fold].T @ x[fold] for fold in folds])
         self.moment = np.stack([x[fold].T @ y[fold] for fold in folds])
         self.square = float(y @ y)
@@ -85,7 +85,7 @@ class _FoldedRegression:
         gram = self.gram[:, chosen][:, :, chosen]
         moment = self.moment[:, chosen]
         best = 0.0
-        for ridge in COMPONENTS.ridges:
+        for ridge in RESIDUAL_REGRESSION.ridges:
             gram_rest = gram.sum(axis=0) - gram + ridge * np.eye(len(chosen))
             beta = np.linalg.solve(gram_rest, (moment.sum(axis=0) - moment)[..., None])[..., 0]
             error = np.einsum("fa,fab,fb->", beta, gram, beta) - 2.0 * np.sum(beta * moment)
@@ -126,14 +126,14 @@ def _score_kernel_regression(features: ResidualFeatures, coordinate: int, column
     from sklearn.kernel_ridge import KernelRidge
     from sklearn.model_selection import PredefinedSplit, cross_val_predict
 
-    picked = slice(None, None, max(1, int(np.ceil(len(columns) / COMPONENTS.max_samples))))
+    picked = slice(None, None, max(1, int(np.ceil(len(columns) / RESIDUAL_REGRESSION.max_kernel_samples))))
     x, y, folds = columns[picked], features.target[picked, coordinate], PredefinedSplit(features.fold[picked])
     spread, scale = np.std(x, axis=0), np.std(y)
     x, y = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0], y / (scale or 1.0)
     if not x.shape[1] or scale == 0.0 or folds.get_n_splits() < 2:
         return 0.0
     best = 0.0
-    for width in COMPONENTS.width_factors:
+    for width in RESIDUAL_REGRESSION.width_factors:
         model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=0.5 / (width**2 * x.shape[1]))
         missed = y - cross_val_predict(model, x, y, cv=folds)
         best = max(best, 1.0 - float(missed @ missed / (y @ y)))
@@ -187,5 +187,5 @@ def _score_correlation(residual: np.ndarray, column: np.ndarray, lengths: Sequen
     clips = zip(*(np.split(series, np.cumsum(lengths)[:-1]) for series in (first, second)), strict=True)
     # autocorrelations at every lag
     spread = sum(float(correlate(a, a) @ correlate(b, b)) / len(a) for a, b in clips)
-    bound = COMPONENTS.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny))
+    bound = RESIDUAL_REGRESSION.correlation_z * np.sqrt(max(spread, np.finfo(float).tiny))
     return float(abs(first @ second) / bound)

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
+from lagsplat.diagnose.core.config import RESIDUAL_REGRESSION
 from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
 from lagsplat.diagnose.residual.change_points import compute_sample_weights
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
@@ -52,14 +52,14 @@ def compute_features(
     variance = std**2 + (0.05 * np.std(residual, axis=0)) ** 2
     rates = np.concatenate([compute_input_rates(estimate.motion) for estimate in estimates])
     fold = _assign_folds(estimates, period_s)
-    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_FEATURES.max_samples))))
+    picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_REGRESSION.max_samples))))
     lagged = np.concatenate([_compute_lagged_columns(estimate, period_s) for estimate in estimates])
     position = (q - mechanics.rest) / np.std(q, axis=0)
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
     simulated = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
     inputs = _scale_columns(u)
     bends = (inputs**3, np.abs(inputs) * inputs, np.tanh(3 * inputs))
-    n_lagged = mechanics.d * len(RESIDUAL_FEATURES.lags_periods)  # the inputs' lags follow the positions'
+    n_lagged = mechanics.d * len(RESIDUAL_REGRESSION.lags_periods)  # the inputs' lags follow the positions'
     actuated = np.concatenate([inputs, _scale_columns(rates), *bends, lagged[:, n_lagged:]], axis=1)
     angles = [2 * np.pi * frequency * time_s for frequency in lines_hz]
     waves = [function(angle) for angle in angles for function in (np.sin, np.cos)]
@@ -113,7 +113,7 @@ def _compute_resisting_columns(
     velocity: Float64[np.ndarray, " n"], position: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 4"]:
     """Viscous, Coulomb, quadratic and load-dependent friction for forces of unit size."""
-    sign = np.tanh(velocity / RESIDUAL_FEATURES.reversal_rate_share)
+    sign = np.tanh(velocity / RESIDUAL_REGRESSION.reversal_rate_share)
     return np.stack([velocity, sign, np.abs(velocity) * velocity, np.abs(position) * sign], axis=1)
 
 
@@ -126,7 +126,7 @@ def _compute_drifting_column(elapsed: np.ndarray, position: np.ndarray) -> Float
 def _compute_lagged_columns(estimate: LatentForceEstimate, period_s: float) -> np.ndarray:
     """Positions and inputs some time earlier; before a clip begins, those at its beginning."""
     columns = np.concatenate([estimate.q, estimate.motion.u], axis=1)
-    lags_s = [share * period_s for share in RESIDUAL_FEATURES.lags_periods]
+    lags_s = [share * period_s for share in RESIDUAL_REGRESSION.lags_periods]
     lagged = np.empty((len(columns), columns.shape[1] * len(lags_s)))
     for start, stop in estimate.motion.segments:
         time_s = estimate.motion.time_s[start:stop]
@@ -136,7 +136,7 @@ def _compute_lagged_columns(estimate: LatentForceEstimate, period_s: float) -> n
 
 
 def _assign_folds(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
-    """Fold of each sample: blocks of `RESIDUAL_FEATURES.block_periods`, assigned to the folds in turn."""
+    """Fold of each sample: blocks of `RESIDUAL_REGRESSION.block_periods`, assigned to the folds in turn."""
     elapsed = np.cumsum(np.concatenate([compute_sample_weights(estimate) for estimate in estimates]))
-    blocks = elapsed / (RESIDUAL_FEATURES.block_periods * period_s)
-    return blocks.astype(np.int64) % RESIDUAL_FEATURES.folds
+    blocks = elapsed / (RESIDUAL_REGRESSION.block_periods * period_s)
+    return blocks.astype(np.int64) % RESIDUAL_REGRESSION.folds

@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
@@ -31,12 +29,10 @@ def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale the gain of the position actuator, and raise its damping."""
-    actuator = element.actuator
-    gain, bias = (np.asarray(row, dtype=np.float64).copy() for row in (actuator.gainprm, actuator.biasprm))
-    gain[0], bias[1] = values["kp_ratio"] * gain[0], values["kp_ratio"] * bias[1]
-    bias[2] -= values["kd"] * element.inertia
-    actuator.gainprm, actuator.biasprm = gain, bias
-    return (f"actuator {actuator.name}: kp {gain[0]:.6g}, kv {-bias[2]:.6g}",)
+    gain, bias = element.actuator.gainprm, element.actuator.biasprm  # views
+    gain[0] *= values["kp_ratio"]
+    bias[1:3] = values["kp_ratio"] * bias[1], bias[2] - values["kd"] * element.inertia
+    return (f"actuator {element.actuator.name}: kp {gain[0]:.6g}, kv {-bias[2]:.6g}",)
 
 
 EFFECT = ForceEffect(

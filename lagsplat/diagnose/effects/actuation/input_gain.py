@@ -13,7 +13,7 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Scale the gain of the actuator."""
     actuator = element.actuator
-    actuator.gainprm = values["ratio"] * np.asarray(actuator.gainprm, dtype=np.float64)
+    actuator.gainprm *= values["ratio"]
     return (f"actuator {actuator.name}: gainprm {element.format_row(actuator.gainprm[:3])}",)
 
 

@@ -43,10 +43,8 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     if actuator.dyntype != kinds.mjDYN_NONE:
         return ()
     actuator.dyntype = kinds.mjDYN_FILTEREXACT
-    row = np.asarray(actuator.dynprm, dtype=np.float64).copy()
-    row[0] = values["time_constant"]
-    actuator.dynprm = row
-    return (f"actuator {actuator.name}: dyntype filterexact, dynprm {row[0]:.6g}",)
+    actuator.dynprm[0] = values["time_constant"]
+    return (f"actuator {actuator.name}: dyntype filterexact, dynprm {actuator.dynprm[0]:.6g}",)
 
 
 EFFECT = InputEffect(

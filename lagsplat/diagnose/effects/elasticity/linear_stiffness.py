@@ -53,17 +53,15 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     if element.placed.variant == SPRING:
         added = (values["ratio"] - 1.0) * choose_spring_unit(element.placed.scales)
         return element.add_spring(added * element.inertia * Polynomial([-element.rest, 1.0]))
-    ratio, gravity = values["ratio"], np.asarray(element.spec.option.gravity, dtype=np.float64)
+    ratio, gravity = values["ratio"], element.spec.option.gravity
     if element.joint is not None and len(element.selection.joints) > 1:
         return () if gravity.any() else element.scale_springs([element.joint], ratio)
-    element.spec.option.gravity = ratio * gravity
+    gravity *= ratio
     joints = [joint for joint in element.spec.joints if joint.name in element.selection.joints]
     springs = element.scale_springs(joints, ratio)
     for actuator in element.spec.actuators:
-        bias = np.asarray(actuator.biasprm, dtype=np.float64).copy()
-        bias[:2] *= ratio
-        actuator.biasprm = bias
-    return (*springs, f"gravity {element.format_row(element.spec.option.gravity)}")
+        actuator.biasprm[:2] *= ratio
+    return (*springs, f"gravity {element.format_row(gravity)}")
 
 
 EFFECT = ForceEffect(

@@ -34,7 +34,7 @@ def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     masses = f"all masses times {ratio:.6g}"
     if element.placed.variant == WEIGHT:
         return (masses, *element.scale_springs(spec.joints, ratio))
-    spec.option.gravity = np.asarray(spec.option.gravity, dtype=np.float64) / ratio
+    spec.option.gravity /= ratio
     return (masses, f"gravity {element.format_row(spec.option.gravity)}, so that the weight stays")
 
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lagsplat.diagnose.data_quality.noise import LocalFit
 from lagsplat.diagnose.effects.actuation import input_backlash, input_delay, input_lag
 from lagsplat.diagnose.effects.measurement import time_offset
 from lagsplat.diagnose.estimation.dataset import (
@@ -25,7 +26,7 @@ def evenly_sampled_dataset(lengths: list[int], *, dt: float = 0.02) -> Dataset:
     time = dt * np.arange(n)
     q = np.arange(n, dtype=float)[:, None]
     return Dataset(
-        time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64), (0.0,)
+        time, q, np.ones((n, 1)), np.zeros((n, 0)), clips, ("a",), np.zeros(len(lengths), np.int64), (0.0,), q
     )
 
 
@@ -74,9 +75,14 @@ def motion(start: float, n: int, segments: tuple[tuple[int, int], ...], name: st
     return Trajectory(time_s=time, q=q, u=u, segments=segments, source=name)
 
 
+def still(motions: list[Trajectory]) -> list[LocalFit]:
+    """Fits of motions that rest: their rates and accelerations are zero."""
+    return [LocalFit(m.q, 0.0 * m.q, 0.0 * m.q, np.zeros(m.n)) for m in motions]
+
+
 def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
     both = [motion(7.0, 12, ((0, 5), (5, 12)), "a.csv"), motion(100.0, 8, (), "b.csv")]
-    whole = join_trajectories(both, [m.q for m in both])
+    whole = join_trajectories(both, still(both))
     assert whole.clips.tolist() == [[0, 5], [5, 12], [12, 20]]
     assert whole.file_of.tolist() == [0, 0, 1]
     assert whole.files == ("a.csv", "b.csv")
@@ -89,10 +95,10 @@ def test_files_are_joined_after_a_break_and_their_clips_stay_apart() -> None:
 
 def test_clocks_that_go_on_from_file_to_file_are_kept() -> None:
     both = [motion(7.0, 12, (), "a.csv"), motion(9.0, 8, (), "b.csv")]
-    whole = join_trajectories(both, [m.q for m in both])
+    whole = join_trajectories(both, still(both))
     assert whole.time[[0, 12]] == pytest.approx([0.0, 2.0])
     assert whole.shifts_s == (7.0, 7.0)
-    assert join_trajectories(both[::-1], [m.q for m in both]).time[8] > 0.0
+    assert join_trajectories(both[::-1], still(both[::-1])).time[8] > 0.0
 
 
 @settings(max_examples=40, deadline=None)
@@ -118,7 +124,7 @@ CLIPS = np.array([[0, 4], [4, 7]])
 
 def driven_dataset() -> Dataset:
     blank = np.zeros((7, 1))
-    return Dataset(TIME, blank, blank, U[:, None], CLIPS, ("a", "b"), np.array([0, 1]), (0.0, 0.0))
+    return Dataset(TIME, blank, blank, U[:, None], CLIPS, ("a", "b"), np.array([0, 1]), (0.0, 0.0), blank)
 
 
 def test_stages_are_the_beginning_middle_and_end_of_every_substep() -> None:
@@ -157,7 +163,7 @@ def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
     time = 0.05 * np.arange(20)
     u = np.where(time < 0.099, 0.0, 2.0)[:, None]
     blank = np.zeros((20, 1))
-    whole = Dataset(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64), (0.0,))
+    whole = Dataset(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64), (0.0,), blank)
     signal = build_input_signals(whole, steps=3, held=True)[0]
     out = input_lag.EFFECT.change(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
     assert out == pytest.approx(2.0 * -np.expm1(-np.maximum(time - 0.1, 0.0) / 0.2), abs=1e-5)

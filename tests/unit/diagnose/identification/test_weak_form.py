@@ -41,7 +41,8 @@ def recorded(model: MechanicalModel, start: list[float], *, seconds: float, u: l
     inputs = np.array([[one(t) for one in u] for t in time])
     cut = len(time) // 2 - 7
     clips = np.array([[0, cut], [cut, len(time)]])
-    return Dataset(time, y[:, :d], y[:, d:], inputs, clips, ("made",), np.zeros(2, np.int64), (0.0,))
+    q, v, file_of = y[:, :d], y[:, d:], np.zeros(2, np.int64)
+    return Dataset(time, q, v, inputs, clips, ("made",), file_of, (0.0,), q)
 
 
 def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate() -> None:
@@ -50,7 +51,6 @@ def test_test_functions_stay_within_clips_and_integrate_to_nothing_in_their_rate
         make_polynomial_basis(4, centre=np.zeros(1), scale=np.ones(1)),
         3,
         record,
-        record.q,
         width_s=0.5,
         speed=np.ones(1),
     )
@@ -69,7 +69,7 @@ def test_the_weak_equations_hold_of_a_coupled_mechanism_with_constant_inertia_an
     model = replace(full, **constant, dry=np.zeros(2), drag=np.zeros(2))
     record = recorded(model, [0.5, -0.4, 0.0, 0.6], seconds=4.0, u=[wave(), wave(1)])
     n = len(model.potential)
-    samples = build_weak_form_samples(model.basis, n, record, record.q, width_s=0.6, speed=model.width)
+    samples = build_weak_form_samples(model.basis, n, record, width_s=0.6, speed=model.width)
     rows, known = build_regressors(samples)
     # in units in which the trace of the constant inertia is d
     mass, damping, potential = (
@@ -87,9 +87,7 @@ def test_the_weak_equations_hold_of_a_coupled_mechanism_with_constant_inertia_an
 def test_an_oscillator_is_given_back_from_its_motion() -> None:
     model = oscillator()
     record = recorded(model, [0.8, 0.0], seconds=6.0, u=[wave()])
-    samples = build_weak_form_samples(
-        model.basis, model.basis.size, record, record.q, width_s=0.5, speed=np.ones(1)
-    )
+    samples = build_weak_form_samples(model.basis, model.basis.size, record, width_s=0.5, speed=np.ones(1))
     rows, known = build_regressors(samples)
     found = build_model(samples, solve_ridge(rows, known, 1e-10))
     assert found.mass[0, 0, 0] == 1.0
@@ -161,7 +159,7 @@ def test_accelerations_give_a_law_where_coordinates_move_together() -> None:
         rest=np.zeros(2),
     )
     record = recorded(cart_pole, [-0.06, 0.5, 0.0, 0.0], seconds=20.0, u=[])
-    samples = build_weak_form_samples(basis, 6, record, record.q, width_s=0.6, speed=np.ones(2))
+    samples = build_weak_form_samples(basis, 6, record, width_s=0.6, speed=np.ones(2))
     found = fit_explicit_model(samples, 1e-5)
     assert found is not None
     assert np.linalg.eigvalsh(found.mass[0]).min() > 0.0
@@ -169,5 +167,5 @@ def test_accelerations_give_a_law_where_coordinates_move_together() -> None:
     true, own = (m.acceleration(record.q, record.v, record.u) for m in (cart_pole, found))
     assert np.abs(own - true).max() < 0.02 * np.abs(true).max()
     turning = build_candidate_bases(np.array([[-7.0, -7.0], [7.0, 7.0]]), degree=4)[0]
-    around = build_weak_form_samples(turning, turning.size, record, record.q, width_s=0.6, speed=np.ones(2))
+    around = build_weak_form_samples(turning, turning.size, record, width_s=0.6, speed=np.ones(2))
     assert fit_explicit_model(around, 1e-5) is None

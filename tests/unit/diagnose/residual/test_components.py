@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lagsplat.diagnose.core.config import RESIDUAL_FEATURES
+from lagsplat.diagnose.core.config import RESIDUAL_REGRESSION
 from lagsplat.diagnose.residual.components import (
     compute_components,
     compute_explained_share,
@@ -70,7 +70,7 @@ def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
     rng = np.random.default_rng(0)
     assert compute_explained_share(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
     assert compute_explained_share(found, 0, found.groups[0]["dissipative"]) > 0.9
-    assert set(found.fold) == set(range(RESIDUAL_FEATURES.folds))
+    assert set(found.fold) == set(range(RESIDUAL_REGRESSION.folds))
 
 
 def test_the_past_matters_where_a_force_lags_and_only_there():
