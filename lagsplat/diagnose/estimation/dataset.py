@@ -96,6 +96,13 @@ class WindowSet:
         """The windows that ``chosen``, a mask or an index, selects."""
         return WindowSet(self.first[chosen], self.length[chosen])
 
+    def halve(self, min_frames: int) -> "WindowSet":
+        """Both halves of every window, which share a frame; the whole of those too short for that."""
+        cut = np.where(self.length >= 2 * min_frames, (self.length + 1) // 2, self.length)
+        first = np.stack([self.first, self.first + cut - 1], axis=1)
+        length = np.stack([cut, self.length - cut + 1], axis=1)
+        return WindowSet(first[length > 1], length[length > 1])
+
     def subsample(self, frames: float) -> "WindowSet":
         """Evenly spaced windows with about ``frames`` frames in total; all windows if they have fewer."""
         return self.choose_evenly(max(round(len(self.first) * frames / float(self.length.sum())), 4))

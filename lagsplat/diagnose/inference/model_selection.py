@@ -63,19 +63,54 @@ def rank_hypotheses(
 ) -> ModelRanking:
     """Rank the candidates, each added to the ``known`` effects.
 
-    Two score tests choose what is fitted and where fits start: one with the nuisance parameters fitted to the
-    gap, one with them at zero. The first cannot see an effect that the nuisance parameters imitate, and a fit
-    that starts there may stay there.
+    Over a long window a large gap is far from linear in the parameters, and fits stay where they start. So
+    where no effect explains the gap, all are tried once more from shorter windows, see `lengthen_horizon`.
     """
-    n = problem.rollout_model.nuisance.size
-    base = known or refine_fit(problem, HypothesisFit((), problem.fit((), np.zeros(n))))
-    beginnings = [base.fit]
-    if known is None:
-        unmoved = problem.with_nuisance(problem.rollout_model.nuisance.freeze()).fit((), np.zeros(n))
-        if unmoved.misfit > SELECTION.unmoved_misfit_ratio * base.fit.misfit:
-            beginnings.append(replace(unmoved, x=np.zeros(n)))
-    config, windows = budget.config, choose_windows(base.fit, problem.windows.length)
-    tests = [score_test(problem, base.effects, fit, candidates, windows) for fit in beginnings]
+    zeros = np.zeros(problem.rollout_model.nuisance.size)
+    base = known or refine_fit(problem, HypothesisFit((), problem.fit((), zeros)))
+    enough = SELECTION.inflation_misfit * budget.nominal * problem.degrees_of_freedom
+    begun = begin_fits([problem], base, candidates, budget, report_progress=report_progress)
+    found = [continue_fit(problem, hypothesis) for hypothesis in begun]
+    if known is None and min(hypothesis.fit.misfit for hypothesis in (base, *found)) > enough:
+        horizons = [problem, half := problem.halve_windows(), half.halve_windows()]
+        other = lengthen_horizon(horizons, replace(base, fit=replace(base.fit, x=zeros)))
+        base = min(base, refine_fit(problem, other), key=lambda hypothesis: hypothesis.fit.cost)
+        again = begin_fits(horizons, base, candidates, budget, report_progress=report_progress)
+        best: dict[int, HypothesisFit] = {}
+        for hypothesis in [*found, *(continue_fit(problem, hypothesis) for hypothesis in again)]:
+            place = id(hypothesis.effects[-1])
+            best[place] = min(best.get(place, hypothesis), hypothesis, key=lambda each: each.fit.cost)
+        found = list(best.values())
+    found.sort(key=lambda hypothesis: hypothesis.fit.cost)
+    refined = [refine_fit(problem, hypothesis) for hypothesis in found[: budget.refined]]
+    return rank_by_evidence(problem, base, [*refined, *found[budget.refined :]], candidates, budget)
+
+
+def begin_fits(
+    horizons: Sequence[EstimationProblem],
+    base: HypothesisFit,
+    candidates: Sequence[PlacedEffect],
+    budget: SearchBudget,
+    *,
+    report_progress: Callable[[str], None],
+) -> list[HypothesisFit]:
+    """Brief fits of the candidates beside ``base``, to be continued, on the longest of the ``horizons``.
+
+    Two score tests choose what is fitted and where fits start: one with the nuisance parameters fitted to the
+    gap, one with them held at zero. The first cannot see an effect that the nuisance parameters imitate, and
+    a fit that starts there may stay there. Both are on the shortest horizon.
+    """
+    tried, zeros = horizons[-1], np.zeros(horizons[0].rollout_model.nuisance.size)
+    beside = base.fit if len(horizons) == 1 else tried.fit(base.effects, base.fit.x)
+    beginnings = [(tried, beside)]
+    if not base.effects:
+        frozen = tried.with_nuisance(tried.rollout_model.nuisance.freeze())
+        unmoved = frozen.fit((), zeros)
+        if unmoved.misfit > SELECTION.unmoved_misfit_ratio * beside.misfit:
+            beginnings.append((frozen, replace(unmoved, x=zeros)))
+    most = SELECTION.tested_windows * 2 ** (len(horizons) - 1)
+    config, windows = budget.config, choose_windows(beside, tried.windows.length, most)
+    tests = [score_test(each, base.effects, fit, candidates, windows) for each, fit in beginnings]
     names = interleave([list(dict.fromkeys(test.name for test in row))[: config.families] for row in tests])
     names += [name for name in config.always_fitted if any(test.name == name for test in tests[0])]
     found = []
@@ -87,8 +122,9 @@ def rank_hypotheses(
         places = list(by_place.values())
         variants = places[0][0].placed.effect.variants
         for place in places[: config.places * len(variants)]:
-            found.append(try_candidate(problem, base.effects, place, starts=config.starts, windows=windows))
-    return finish_fits(problem, base, found, candidates, budget)
+            found.append(try_candidate(tried, base.effects, place, starts=config.starts, windows=windows))
+    best = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)[: budget.continued]
+    return [lengthen_horizon(horizons, hypothesis) for hypothesis in best]
 
 
 def interleave(rows: Sequence[Sequence[Any]]) -> list[Any]:
@@ -97,19 +133,24 @@ def interleave(rows: Sequence[Sequence[Any]]) -> list[Any]:
     return [row[k] for k in range(longest) for row in rows if k < len(row)]
 
 
-def finish_fits(
-    problem: EstimationProblem,
-    base: HypothesisFit,
-    found: Sequence[HypothesisFit],
-    candidates: Sequence[PlacedEffect],
-    budget: SearchBudget,
-) -> ModelRanking:
-    """Continue the best of briefly fitted hypotheses, refine the best of these, and rank them."""
-    tried = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)[: budget.continued]
-    continued = [continue_fit(problem, hypothesis) for hypothesis in tried]
-    continued.sort(key=lambda hypothesis: hypothesis.fit.cost)
-    refined = [refine_fit(problem, hypothesis) for hypothesis in continued[: budget.refined]]
-    return rank_by_evidence(problem, base, [*refined, *continued[budget.refined :]], candidates, budget)
+def lengthen_horizon(horizons: Sequence[EstimationProblem], hypothesis: HypothesisFit) -> HypothesisFit:
+    """A few steps of a fit on each horizon, the shortest first, from the parameters of the ``hypothesis``.
+
+    The initial states are the measured ones, then those of the fit before. With one horizon nothing changes.
+
+    Source: Ribeiro, Tiels, Umenberger, Schon and Aguirre, "On the smoothness of nonlinear system
+    identification", 2020, doi:10.1016/j.automatica.2020.109158.
+    """
+    if len(horizons) == 1:
+        return hypothesis
+    fit, shortest = hypothesis.fit, horizons[-1]
+    states = dict(zip(shortest.windows.first.tolist(), shortest.initial_states, strict=True))
+    for horizon in reversed(horizons):
+        first = horizon.windows.first.tolist()
+        few = replace(horizon, iterations=min(SELECTION.trial_iterations, horizon.iterations))
+        fit = few.fit(hypothesis.effects, fit.x, np.array([states[frame] for frame in first]), brief=True)
+        states = dict(zip(first, fit.starts, strict=True))
+    return replace(hypothesis, fit=fit)
 
 
 def refine_fit(problem: EstimationProblem, hypothesis: HypothesisFit) -> HypothesisFit:

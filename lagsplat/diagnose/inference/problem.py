@@ -94,6 +94,10 @@ class EstimationProblem:
         """The same on evenly spaced windows that last at most about ``longest_s`` together."""
         return replace(self, windows=self.windows.subsample(longest_s / self.dataset.dt_s))
 
+    def halve_windows(self) -> "EstimationProblem":
+        """The same on windows half as long, none below `PROBLEM.min_window_frames` frames."""
+        return replace(self, windows=self.windows.halve(PROBLEM.min_window_frames))
+
     def with_nuisance(self, nuisance: NuisanceParameters) -> "EstimationProblem":
         """The same with other uncertainties of the sim."""
         return replace(self, rollout_model=replace(self.rollout_model, nuisance=nuisance))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Int64
 
-from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.effects.parameters import HalfNormal
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
@@ -66,14 +65,16 @@ def score_test(
     return sorted(scores, key=lambda score: -score.gain)
 
 
-def choose_windows(fit: shooting.ShootingFit, length: Int64[np.ndarray, " W"]) -> Int64[np.ndarray, " V"]:
-    """At most `SELECTION.tested_windows` windows, evenly spaced in the order of what the fit leaves of them.
+def choose_windows(
+    fit: shooting.ShootingFit, length: Int64[np.ndarray, " W"], most: int
+) -> Int64[np.ndarray, " V"]:
+    """At most ``most`` windows, evenly spaced in the order of what the fit leaves of them.
 
     Those of which it leaves the most are among them: there an effect that acts rarely acts.
     """
     left = shooting.measure_windows(fit.residual, length)
-    most = min(len(left), SELECTION.tested_windows)
-    return np.sort(np.argsort(-left)[np.linspace(0, len(left) - 1, most).round().astype(np.int64)])
+    spaced = np.linspace(0, len(left) - 1, min(len(left), most)).round().astype(np.int64)
+    return np.sort(np.argsort(-left)[spaced])
 
 
 def select_windows(

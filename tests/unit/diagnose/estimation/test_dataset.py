@@ -173,3 +173,12 @@ def test_play_follows_at_half_its_width_and_forgets_between_clips() -> None:
     signal = build_input_signals(driven_dataset(), steps=1, held=False)[0]
     out = input_backlash.EFFECT.change(signal, np.array([[2.0, 0.0]]))[0].reshape(7, 3)[:, 0]
     assert out.tolist() == pytest.approx([1.0, 2.0, -1.0, -0.5, 10.0, 11.0, 11.0])
+
+
+def test_halves_of_windows_share_a_frame_and_short_windows_stay_whole() -> None:
+    halves = WindowSet(np.array([0, 39, 60]), np.array([40, 22, 41])).halve(20)
+    assert halves.first.tolist() == [0, 19, 39, 60, 80]
+    assert halves.length.tolist() == [20, 21, 22, 21, 21]
+    again = halves.halve(20)
+    assert again.first.tolist() == halves.first.tolist()
+    assert again.length.tolist() == halves.length.tolist()

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from lagsplat.diagnose.core.config import SELECTION
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
-from lagsplat.diagnose.inference.model_selection import continue_fit, try_candidate
+from lagsplat.diagnose.inference.model_selection import (
+    continue_fit,
+    lengthen_horizon,
+    try_candidate,
+)
 from lagsplat.diagnose.inference.placement import place_effects
 from lagsplat.diagnose.inference.problem import (
     EstimationProblem,
@@ -31,10 +34,10 @@ TRIED = (
 )
 
 
-def offers(one: EstimationProblem) -> list[PlacedEffect]:
+def offers(one: EstimationProblem, names: tuple[str, ...] = TRIED) -> list[PlacedEffect]:
     hints = [DisturbanceHints((), ())]
     found = place_effects(one.rollout_model, hints, q_names=("q0",), u_names=("u0",), without=())
-    return [offer for offer in found if offer.effect.name in TRIED]
+    return [offer for offer in found if offer.effect.name in names]
 
 
 def drag(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
@@ -95,12 +98,12 @@ def test_the_amplitude_is_found_to_a_few_hundredths(dragged: EstimationProblem) 
 def test_effects_are_tested_where_most_is_left_and_on_few_windows() -> None:
     size = np.random.default_rng(0).permutation(40).astype(float)
     fit = SimpleNamespace(residual=np.sqrt(size)[:, None, None] * np.ones((40, 5, 1)))
-    chosen = choose_windows(fit, np.full(40, 5))
-    assert len(chosen) == SELECTION.tested_windows
+    chosen = choose_windows(fit, np.full(40, 5), 12)
+    assert len(chosen) == 12
     assert chosen.tolist() == sorted(set(chosen.tolist()))
     assert {int(size.argmax()), int(size.argmin())} <= set(chosen.tolist())
     few = SimpleNamespace(residual=fit.residual[:3])
-    assert choose_windows(few, np.full(3, 5)).tolist() == [0, 1, 2]
+    assert choose_windows(few, np.full(3, 5), 12).tolist() == [0, 1, 2]
 
 
 def test_a_fit_that_was_tried_on_some_windows_ends_where_one_of_all_does(dragged: EstimationProblem) -> None:
@@ -163,3 +166,25 @@ def test_unknowns_stand_in_the_order_effects_then_uncertainties(faithful: Estima
     assert prior.lowest[: len(own_)].tolist() == [p.lowest for p in own_]
     assert np.array_equal(prior.deviation[len(own_) :], faithful.rollout_model.nuisance.deviation)
     assert (prior.step > 0.0).all()
+
+
+def cog(t: float, q: float, v: float, u: float, z: np.ndarray) -> tuple[float, list[float]]:
+    """With a ripple of several times the other forces."""
+    return own(q, v, u) + 8.0 * np.sin(8.0 * q + 0.5), []
+
+
+def test_a_fit_that_stays_where_it_starts_arrives_from_short_windows() -> None:
+    one = contest([film(cog, u=wave(), noise=0.005, seconds=16.0)])
+    zeros = np.zeros(one.rollout_model.nuisance.size)
+    none, (cogging,) = one.fit((), zeros), offers(one, ("cogging",))
+    horizons = [one, half := one.halve_windows(), half.halve_windows()]
+    # the wrong sign, and a wave number a fifth too large
+    wave_number = cogging.effect.parameters[2].prior.unknown(1.2 * 8.0 * cogging.scales.coordinate)
+    poor = np.concatenate([[-0.2, -0.4, wave_number], zeros])
+    direct = one.fit((cogging,), poor)
+    begun = lengthen_horizon(horizons, HypothesisFit((cogging,), replace(none, x=poor)))
+    found = continue_fit(one, begun).fit
+    assert direct.misfit / one.degrees_of_freedom > 100.0
+    assert found.misfit / one.degrees_of_freedom == pytest.approx(1.0, abs=0.2)
+    cosine, sine, wave_number = cogging.to_physical(found.x[None, :3])[0]
+    assert (np.hypot(cosine, sine), wave_number) == pytest.approx((8.0, 8.0), rel=0.02)
