@@ -461,7 +461,8 @@ class SELECTION:
     sample_noise_penalty: float = 4.0  # log evidence a sample effect must exceed [nat]: not integrated out
     max_effects: int = 3  # effects in a set, at most [count]; 0e95f8e
     max_first_effects: int = 3  # single effects beside which a second one is sought [count]; 0e95f8e
-    inflation_misfit: float = 4.0  # mean square over the nominal [1] that inflates the noise; 97c6964
+    # mean square over the nominal [1] that asks for shorter windows, then inflates the noise; 97c6964
+    inflation_misfit: float = 4.0
     min_excess: float = 0.1  # excess mean square that asks for another effect [noise variances]; 123f88b
 
 

@@ -110,7 +110,9 @@ def estimate_closure(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -
     each block: without effects, with effects, and as expected if the model is true.
     """
     above = bootstrap_blocks(lambda b, f: b - f, before, floor)
-    if min(above.value or 0.0, above.low or 0.0) <= 0.0:
+    assert above.value is not None
+    assert above.low is not None
+    if above.value <= 0.0 or above.low <= 0.0:
         return Interval(None, None, None)
     return bootstrap_blocks(lambda b, a, f: (b - a) / np.maximum(b - f, 1e-12), before, after, floor)
 
