@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lagsplat.config.compose import ConfigError, compose, rebuild
+from lagsplat.config.compose import ConfigError, _compose_anew, compose, rebuild
 from lagsplat.config.schema import CONF, GROUPS, options
 from lagsplat.stage1.config import Stage1Config
 
@@ -47,6 +47,23 @@ def test_the_last_choice_wins() -> None:
 def test_a_profile_limits_the_budget_and_the_user_has_the_last_word() -> None:
     assert compose("profile=toy").stage1.steps < compose("profile=full").stage1.steps
     assert compose("profile=toy", "stage1.steps=77").stage1.steps == 77
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        ("seeds=[0,3]", "systems=[toy,krauss_1seg]"),
+        ("stage1.rate.encoder=5e-4", "stage1.steps=7", "blind.split=mine"),
+        ("diagnose.columns={t:time}",),
+        ("diagnose.columns.t=time", "diagnose.families=3"),
+        ("system.d=3", "stage1.steps=8"),  # a value that others follow
+        ("recording.skip_s=1", "evaluate.starts=9"),  # an integer for a number
+        ("recording.dt_s=null",),
+    ],
+)
+def test_values_set_in_what_choices_gave_are_those_that_hydra_sets(values: tuple[str, ...]) -> None:
+    choices = ("profile=toy", "system=toy")
+    assert compose(*choices, *values) == _compose_anew([*choices, *values])
 
 
 def test_numbers_written_as_powers_of_ten_are_numbers() -> None:
