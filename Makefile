@@ -40,12 +40,15 @@ notebooks: .venv/.installed
 	    find build/notebooks/$$name -maxdepth 1 -name '*.png' -o -name run.html | xargs cp -t docs/notebooks/$$name; \
 	done
 
-# What takes one core each goes side by side; the scenarios compile Numba's kernels for all that follow. Then the
-# browser's tests, since a browser that draws in software takes all cores, and then the others on all of them.
+# The scenarios compile Numba's kernels for all that follows. What needs all cores in one process comes next: a
+# browser that draws in software, and what is computed by several threads. Then the others, a process a core.
+SHARED := --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
+ALL_CORES := tests/browser tests/scenarios/test_thread_counts.py
 test: .venv/.installed
-	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync types scenarios lint workflow docs
-	@$(BIN)/python -m pytest tests/browser
-	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile --no-loadscope-reorder --ignore=tests/browser --ignore=tests/scenarios
+	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync types lint workflow docs
+	@$(MAKE) --no-print-directory scenarios
+	@$(BIN)/python -m pytest $(ALL_CORES)
+	@$(BIN)/python -m pytest $(SHARED) $(ALL_CORES:%=--ignore=%) --ignore=tests/scenarios
 
 # What takes too long for every change: the sealed check of the diagnosis and the methods beside it.
 campaigns: .venv/.installed
@@ -58,7 +61,7 @@ slurm-test: .venv/.installed
 	$(BIN)/python -m pytest -m campaign -rs tests/workflow/test_slurm.py
 
 scenarios: .venv/.installed
-	$(BIN)/python -m pytest --quiet tests/scenarios
+	$(BIN)/python -m pytest --quiet $(SHARED) $(ALL_CORES:%=--ignore=%) tests/scenarios
 
 # The workflow, and the tables and figures that are there, as an RO-Crate in build/crate.
 crate: .venv/.installed

@@ -67,9 +67,11 @@ class SoftClip:
 
     def __init__(self, q: Latents, ball: Ball) -> None:
         center, radius = ball[:-1], ball[-1]
-        self.z = q - center
+        self.z, self.s = q - center, q
         norm = self.z.norm(dim=1, keepdim=True)
         self.all_inside = not bool((norm > radius).any())
+        if self.all_inside:
+            return
         r = norm.clamp(min=radius)  # whereby all below is the identity's inside
         tanh = torch.tanh((r - radius) / (ROOM * radius))
         self.slope = 1.0 - tanh * tanh  # of r a(r)
@@ -80,7 +82,7 @@ class SoftClip:
         self.r, self.first = r, first
         self.turned = first / r
         self.curved = (second - self.turned) / r**2
-        self.s = q if self.all_inside else center + self.share * self.z
+        self.s = center + self.share * self.z
 
     def pull_back(self, slopes: Float[Tensor, "B k d"]) -> Float[Tensor, "B k d"]:
         """Slopes by ``q`` of functions whose ``slopes`` by ``s`` are known."""

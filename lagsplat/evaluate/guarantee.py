@@ -139,11 +139,11 @@ class Trial:
 
     def settle(self, dt_s: float, tolerance: float, duration_s: float) -> Settled:
         """Roll out until all are at their goal; a step at which the scheme adds energy is halved."""
-        for _ in range(HALVINGS):
-            if self.rise(dt_s) < LARGE:
-                break
-            dt_s /= 2
-        rise, elapsed_s, q, v = self.rise(dt_s), 0.0, self.q, self.v
+        rise, halvings = self.rise(dt_s), 0
+        while not rise < LARGE and halvings < HALVINGS:
+            dt_s, halvings = dt_s / 2, halvings + 1
+            rise = self.rise(dt_s)
+        elapsed_s, q, v = 0.0, self.q, self.v
         while elapsed_s < duration_s:
             paths, speeds = roll_out_free(self.law, q, v, states=STRETCH + 1, dt_s=dt_s, load=self.force)
             q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s

@@ -14,10 +14,11 @@ from typing import Any, no_type_check
 
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, float64, njit, prange, types
+from numba import cfunc, float64, njit, types
 from numba.extending import intrinsic
 
 from lagsplat.diagnose.mechanics.basis import evaluate_basis
+from lagsplat.diagnose.solvers.threads import run_in_threads
 
 VECTOR = float64[::1]
 FORCE_LAW_SIGNATURE = float64(float64, float64, float64, float64, float64, VECTOR, VECTOR, VECTOR)
@@ -245,12 +246,51 @@ def _hold_diverged(state, memory, rest, reach, lost):
             memory[r] = 0.0
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
+@no_type_check
+def _roll_out_side_by_side(
+    jobs, basis, fields, geometry, laws, theta, memory, starts, first, length, time, u, u_of, steps, out
+):
+    """The rollouts ``jobs`` (R,) of a batch, in one thread: ``jobs // W`` are their sets of parameters."""
+    mass, damping, potential, input_map, dry, drag, width, rest = fields
+    d, n_windows, reach = len(rest), starts.shape[1], DIVERGED_SCALES * basis[3]
+    sets, windows = jobs // n_windows, jobs % n_windows
+    state, memories = np.empty((2 * d, len(jobs))), np.empty((len(jobs), *memory.shape[2:]))
+    for r in range(len(jobs)):
+        state[:, r], memories[r] = starts[sets[r], windows[r]], memory[sets[r], windows[r]]
+    inert = _gather(mass, sets)
+    own = (
+        *(inert, _differentiate(basis, inert), _gather(damping, sets)),
+        *(_differentiate(basis, _gather(potential, sets)), _gather(input_map, sets)),
+        *(_gather(dry, sets), _gather(drag, sets), width),
+    )
+    scratch = _make_scratch(basis[0].shape[0], state, memories)
+    inputs, t, h = np.empty((3, u.shape[-1], len(jobs))), np.empty(len(jobs)), np.empty(len(jobs))
+    now, lost = np.empty(len(jobs), np.int64), np.zeros(len(jobs), np.bool_)
+    for frame in range(length[windows].max()):
+        for r in range(len(jobs)):
+            p, w = sets[r], windows[r]
+            if frame < length[w]:
+                out[p, w, frame] = state[:, r]
+                if lost[r]:
+                    out[p, w, frame, :d] = rest + reach
+            # a shorter window waits for the longer ones
+            now[r] = first[w] + min(frame, length[w] - 2)
+            h[r] = (time[now[r] + 1] - time[now[r]]) / steps if frame < length[w] - 1 else 0.0
+        for step in range(steps if h.any() else 0):
+            for r in range(len(jobs)):
+                t[r] = time[now[r]] + step * h[r]
+                for at in range(3):
+                    inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
+            _advance(basis, own, laws, geometry, theta, sets, t, h, inputs, state, memories, scratch)
+            _hold_diverged(state, memories, rest, reach, lost)
+
+
 @no_type_check
 def roll_out_batch(
     basis, fields, laws, along, seen, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
-    """Write the states at the frames of every window, for every set of parameters, compiled and in parallel.
+    """Write the states at the frames of every window, for every set of parameters, compiled and in threads.
 
     Rollouts are stepped side by side, so that the processor's vector instructions do several at once.
 
@@ -270,41 +310,15 @@ def roll_out_batch(
         steps: Runge-Kutta steps between two frames.
         out: states (P, W, L, 2 d), written. A diverged rollout stays at `DIVERGED_SCALES`.
     """
-    mass, damping, potential, input_map, dry, drag, width, rest = fields
-    n_sets, n_windows, two_d = starts.shape
-    d, reach, geometry = two_d // 2, DIVERGED_SCALES * basis[3], (along, seen, inertia, rest)
-    for group in prange((n_sets * n_windows + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
-        jobs = np.arange(group * SIDE_BY_SIDE, min((group + 1) * SIDE_BY_SIDE, n_sets * n_windows))
-        sets, windows = jobs // n_windows, jobs % n_windows
-        state, memories = np.empty((two_d, len(jobs))), np.empty((len(jobs), *memory.shape[2:]))
-        for r in range(len(jobs)):
-            state[:, r], memories[r] = starts[sets[r], windows[r]], memory[sets[r], windows[r]]
-        inert = _gather(mass, sets)
-        own = (
-            *(inert, _differentiate(basis, inert), _gather(damping, sets)),
-            *(_differentiate(basis, _gather(potential, sets)), _gather(input_map, sets)),
-            *(_gather(dry, sets), _gather(drag, sets), width),
+    geometry = along, seen, inertia, fields[-1]
+
+    def roll_out(jobs: np.ndarray) -> None:
+        _roll_out_side_by_side(
+            *(jobs, basis, fields, geometry, laws, theta, memory),
+            *(starts, first, length, time, u, u_of, steps, out),
         )
-        scratch = _make_scratch(basis[0].shape[0], state, memories)
-        inputs, t, h = np.empty((3, u.shape[-1], len(jobs))), np.empty(len(jobs)), np.empty(len(jobs))
-        now, lost = np.empty(len(jobs), np.int64), np.zeros(len(jobs), np.bool_)
-        for frame in range(length[windows].max()):
-            for r in range(len(jobs)):
-                p, w = sets[r], windows[r]
-                if frame < length[w]:
-                    out[p, w, frame] = state[:, r]
-                    if lost[r]:
-                        out[p, w, frame, :d] = rest + reach
-                # a shorter window waits for the longer ones
-                now[r] = first[w] + min(frame, length[w] - 2)
-                h[r] = (time[now[r] + 1] - time[now[r]]) / steps if frame < length[w] - 1 else 0.0
-            for step in range(steps if h.any() else 0):
-                for r in range(len(jobs)):
-                    t[r] = time[now[r]] + step * h[r]
-                    for at in range(3):
-                        inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
-                _advance(basis, own, laws, geometry, theta, sets, t, h, inputs, state, memories, scratch)
-                _hold_diverged(state, memories, rest, reach, lost)
+
+    run_in_threads(roll_out, starts.shape[0] * starts.shape[1], SIDE_BY_SIDE)
 
 
 @njit(cache=True)

@@ -12,10 +12,11 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from lagsplat.diagnose.mechanics.basis import differentiate_basis, evaluate_basis
 from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES, MIN_PIVOT
+from lagsplat.diagnose.solvers.threads import run_in_threads
 
 
 @njit(cache=True)
@@ -227,7 +228,7 @@ def _scratch(basis, d, n_c):
     return *values, parts, jacobian, np.empty((d, d)), np.empty(2 * d), np.empty((d, n_c))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"}, nogil=True)
 @no_type_check
 def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes):
     """Roll out a single window, whose ``time`` and ``u`` are given."""
@@ -276,12 +277,11 @@ def _roll(basis, fields, columns, n_columns, start, time, u, steps, out, slopes)
             s[:] = 0.0
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
 @no_type_check
 def roll_out_with_sensitivities(
     basis, fields, columns, n_columns, starts, first, length, time, u, steps, out, slopes
 ):
-    """Write the coordinates of every window and their derivatives, compiled and in parallel.
+    """Write the coordinates of every window and their derivatives, compiled and in threads.
 
     Args:
         basis, fields: as `roll_out_batch` of `lagsplat.diagnose.solvers.runge_kutta` takes them, but without
@@ -297,6 +297,10 @@ def roll_out_with_sensitivities(
         slopes: derivatives (W, L, d, C + 2 d), written: by the columns, then by the initial state. Those of a
             diverged rollout are zero.
     """
-    for w in prange(len(first)):
-        span = slice(first[w], first[w] + length[w])
-        _roll(basis, fields, columns, n_columns, starts[w], time[span], u[span], steps, out[w], slopes[w])
+
+    def roll_out(windows: np.ndarray) -> None:
+        for w in windows:
+            span = slice(first[w], first[w] + length[w])
+            _roll(basis, fields, columns, n_columns, starts[w], time[span], u[span], steps, out[w], slopes[w])
+
+    run_in_threads(roll_out, len(first))

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -27,7 +28,8 @@ INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
 INK = "#222222"
 ALONG_X, ALONG_Y = ("data", "axes fraction"), ("axes fraction", "data")
 """Coordinates of a text: data along one direction, and the share of the axis along the other."""
-SVG_LAYOUT_PASSES = 3
+SVG_LAYOUT_PASSES = 3  # at most
+SVG_LAYOUT_TOLERANCE = 1e-3  # by which axes may move in the last pass [share of the figure]
 SVG_PAD_IN = 0.09
 MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 
@@ -128,17 +130,27 @@ def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:
 def encode_svg_uri(figure: Figure) -> str:
     """Encode a figure as SVG in a data URI for an ``<img>`` element; the same figure gives the same text.
 
-    Letters are outlines, so that a page looks the same where the font is missing.
+    Letters are outlines, so that a page looks the same where the font is missing. A dollar in the name of a
+    column or a file is no formula.
     """
     buffer = io.BytesIO()
-    with paper_style(), mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "lagsplat"}):
+    settings = {"svg.fonttype": "path", "svg.hashsalt": "lagsplat", "text.parse_math": False}
+    with paper_style(), mpl.rc_context(settings):  # type: ignore[arg-type]
         layout = figure.get_layout_engine()
         if isinstance(layout, ConstrainedLayoutEngine):
             # Outlines of letters are a little wider than the pixels they are measured by.
             layout.set(w_pad=SVG_PAD_IN)
-            # The layout refines itself at every drawing: long labels have their space after a few.
-            for _ in range(SVG_LAYOUT_PASSES):
-                figure.draw_without_rendering()
+            _settle_layout(figure, layout)
             figure.set_layout_engine("none")
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _settle_layout(figure: Figure, layout: ConstrainedLayoutEngine) -> None:
+    # A pass of the layout leaves long labels some space too few; another one mends that.
+    placed = None
+    for _ in range(SVG_LAYOUT_PASSES):
+        layout.execute(figure)
+        before, placed = placed, [axes.get_position().bounds for axes in figure.axes]
+        if before is not None and np.allclose(before, placed, rtol=0.0, atol=SVG_LAYOUT_TOLERANCE):
+            return

@@ -96,7 +96,7 @@ def draw_diagnosis_figures(diagnosis: Diagnosis, content: ReportContent) -> list
     if not read_location(diagnosis).get("smoothed"):
         text = "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
         captions["time"] = (CAPTIONS["time"][0], text)
-    # A dollar in the name of a column or a file is no formula.
+    # A dollar in the name of a column or a file is no formula, and neither is it in `encode_svg_uri`.
     with paper_style(), mpl.rc_context({"text.parse_math": False}):
         figures = {
             "waterfall": figure_hypotheses.draw_waterfall(diagnosis),
@@ -112,8 +112,4 @@ def draw_diagnosis_figures(diagnosis: Diagnosis, content: ReportContent) -> list
             "profiles": figure_hypotheses.draw_profiles(diagnosis, content),
             "fingerprint": figure_hypotheses.draw_residual_correlations(content),
         }
-        for figure in figures.values():
-            if figure is not None:
-                # Labels of ticks are made at the first drawing, which must fall under these settings.
-                figure.draw_without_rendering()
     return [ReportFigure(key, *captions[key], figure) for key, figure in figures.items()]

@@ -1,6 +1,7 @@
 """The calibration of the verdict: what is right in a measured recording, and fits that leave things out."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +159,8 @@ def test_a_gap_within_tolerances_is_judged_beside_an_exact_sim() -> None:
 def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) -> None:
     split, out = tmp_path / "split", tmp_path / "measures.jsonl"
     make(["--split", "t", "--key", "k", "--n", "2", "--out", str(split), "--systems", "d1", "--jobs", "1"])
-    measure_split(split, out, compose("profile=toy").diagnose)
+    quick = replace(compose("profile=toy").diagnose, families=1, iterations=3, identify_iterations=4)
+    measure_split(split, out, quick)
     rows = read_rows([out])
     assert len(rows) == 2
     for one in rows:
@@ -166,5 +168,5 @@ def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) ->
         names = {name for effect in one["answer"]["truth"] for name in effect["class"]}
         assert ("left_out" in one) == bool(names - {"unknown"})
     before = out.read_text()
-    measure_split(split, out, compose("profile=toy").diagnose)
+    measure_split(split, out, quick)
     assert out.read_text() == before

@@ -3,6 +3,7 @@
 import base64
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 
 import pytest
@@ -46,6 +47,22 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if self.open and self.open[-1] == "p":
             self.paragraphs[-1] += data
+
+
+OF_FILMS = re.compile(
+    r"\b(cameras?|frames?|films?|filmed|videos?|pictures?|images?|exposure)\b", re.IGNORECASE
+)
+
+
+@cache
+def page_of(kind):
+    return render_report(KINDS[kind], ReportContent())
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures take most of the time of a page, and are the same whatever is said around them."""
+    monkeypatch.setattr("lagsplat.report.diagnosis.html.encode_svg_uri", lambda figure: "data:image/svg+xml,")
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +123,7 @@ def test_everything_is_told(full):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_verdict_has_a_page(kind):
-    page = render_report(KINDS[kind], ReportContent())
+    page = page_of(kind)
     assert Page(page).open == []
     visible = re.sub(r'src="[^"]*"|<style>.*?</style>', "", page, flags=re.DOTALL)
     assert not re.search(r"\bNone\b|\bnan\b|\binf\b|Undefined|\{\{|\{%", visible)
@@ -114,7 +131,13 @@ def test_every_verdict_has_a_page(kind):
     assert "Not computed" in visible
 
 
-def test_noise_is_told_by_coordinate(full):
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_page_without_images_says_nothing_of_them(kind):
+    page = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page_of(kind), flags=re.DOTALL)
+    assert OF_FILMS.findall(page) == []
+
+
+def test_noise_is_told_by_coordinate(full, undrawn):
     assert "<b>0.011, 0.0098</b>noise of each coordinate" in full
     made = replace(KINDS["single"], checks={"noise": {"sigma": [0.25, 0.5], "ar1": [0.1, 0.2]}, "blocks": 16})
     page = render_report(made, ReportContent())
@@ -122,8 +145,8 @@ def test_noise_is_told_by_coordinate(full):
     assert "The quality of the data was not checked." in page
 
 
-def test_an_unknown_place_is_said(tmp_path):
-    page = render_report(KINDS["undetermined"], ReportContent())
+def test_an_unknown_place_is_said():
+    page = page_of("undetermined")
     assert "level, coordinates, time, frequency, state region, components" in page
     assert "the recording lasts only 1.4 periods" in page
 
@@ -156,7 +179,7 @@ def test_text_from_data_is_never_markup():
     assert "49" not in re.sub(r'src="[^"]*"', "", text)
 
 
-def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
+def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data(undrawn):
     made = KINDS["single"]
     fitted = {"misfit_none": 75.0, "answers": {"half the noise": "coulomb_friction"}}
     page = render_report(replace(made, checks={**made.checks, **fitted}), made_content.exhibits())
@@ -166,7 +189,7 @@ def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data():
     assert "half the noise: coulomb_friction" in end
 
 
-def test_the_page_says_what_to_do_next_and_which_file_disagrees():
+def test_the_page_says_what_to_do_next_and_which_file_disagrees(undrawn):
     files, planned = made_diagnoses.several_files(), made_diagnoses.planned()
     text = render_report(replace(KINDS["single"], files=files, next_experiments=planned), ReportContent())
     assert "What next: Coulomb friction (q1) or viscous damping (q1)?" in text
@@ -182,10 +205,10 @@ def test_the_page_says_what_to_do_next_and_which_file_disagrees():
 
 
 def test_one_file_has_no_table_of_files():
-    assert "File by file" not in render_report(KINDS["single"], ReportContent())
+    assert "File by file" not in page_of("single")
 
 
-def test_the_moves_of_a_refit_stand_with_interval_and_tolerance():
+def test_the_moves_of_a_refit_stand_with_interval_and_tolerance(undrawn):
     move = {
         "name": "damping rate",
         "value": 0.1234,

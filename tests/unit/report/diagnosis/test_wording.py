@@ -1,22 +1,13 @@
 """Words that only a film has stay out of what is said of a log."""
 
-import re
-
 import pytest
 
 from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.diagnose.effects.excitation import assess_excitation
 from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.io.trajectory.trajectory import Trajectory
-from lagsplat.report.diagnosis.content import ReportContent
-from lagsplat.report.diagnosis.html import render_report
 from tests.unit.diagnose.motions import PERIOD_S, multisine, swing
-from tests.unit.report.diagnosis import made_diagnoses
-
-OF_FILMS = re.compile(
-    r"\b(cameras?|frames?|films?|filmed|videos?|pictures?|images?|exposure)\b", re.IGNORECASE
-)
-KINDS = made_diagnoses.every_kind()
+from tests.unit.report.diagnosis.test_html import OF_FILMS
 
 
 def test_no_effect_is_described_as_of_a_film() -> None:
@@ -31,11 +22,3 @@ def test_no_advice_asks_for_a_film(motion: Trajectory) -> None:
     noise = measure_noise([motion], period_s=PERIOD_S)
     rows = assess_excitation([motion], period_s=PERIOD_S, noise=noise)
     assert OF_FILMS.findall(" ".join(row.reason + row.record for row in rows)) == []
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_page_without_images_says_nothing_of_them(kind: str) -> None:
-    page = re.sub(
-        r"<style>.*?</style>|<[^>]+>", " ", render_report(KINDS[kind], ReportContent()), flags=re.DOTALL
-    )
-    assert OF_FILMS.findall(page) == []
