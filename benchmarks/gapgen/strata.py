@@ -147,8 +147,8 @@ def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
     n_none, n_out, n_pair = (round(x * n) for x in (WIDE_NONE_SHARE, OUTSIDE_SHARE, WIDE_PAIR_SHARE))
     singles = _spread(rng, list(WIDE_WEIGHTS), list(WIDE_WEIGHTS.values()), n - n_none - n_out - n_pair)
-    outside = list(rng.permutation(np.resize(OUTSIDE_WIDE, max(n_out, 1))))[:n_out]
-    labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
+    outside = _shares(rng, n_out, dict.fromkeys(OUTSIDE_WIDE, 1.0))
+    labels = [("none",)] * n_none + [(name,) for name in [*singles, *outside]] + [("pair",)] * n_pair
     there = {source_of(system) for system in SYSTEMS[systems]}
     sources = _shares(rng, n, {source: 1.0 for source in SOURCES if source in there})
     kinds = _shares(rng, n, {WHITE: 2.0, COLOURED: 1.0, QUANTISED: 1.0})
@@ -199,8 +199,8 @@ def strata(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
     n_none, n_out, n_pair = (round(share * n) for share in (NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE))
     singles = _spread(rng, list(WEIGHTS), list(WEIGHTS.values()), n - n_none - n_out - n_pair)
-    outside = list(rng.permutation(np.resize(OUTSIDE, max(n_out, 1))))[:n_out]
-    labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
+    outside = _shares(rng, n_out, dict.fromkeys(OUTSIDE, 1.0))
+    labels = [("none",)] * n_none + [(name,) for name in [*singles, *outside]] + [("pair",)] * n_pair
     where = [str(rng.choice(SYSTEMS[systems])) for _ in range(n)]
     noise = rng.permutation(np.resize(NOISE, n))
     long = rng.permutation(np.resize(DURATION_S, n))
