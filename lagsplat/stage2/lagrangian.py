@@ -386,8 +386,13 @@ class LinearizedModes:
     decay_per_s: list[float]
 
 
-def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[Tensor, " d"]:
-    """Find the equilibrium under a constant input, the minimum of ``V - u.nu``."""
+def find_equilibrium(
+    lagrangian: Lagrangian, u: Float[Tensor, " n_u"], near: Float[Tensor, " d"] | None = None
+) -> Float[Tensor, " d"]:
+    """Find the equilibrium under a constant input, the minimum of ``V - u.nu`` downhill of a state.
+
+    That is the state at rest, unless there is one ``near`` the equilibrium.
+    """
 
     def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
         q = torch.from_numpy(flat)[None]
@@ -396,7 +401,7 @@ def find_equilibrium(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> Float[
             slope = -lagrangian.conservative_force(q, u[None], lagrangian.prepare())[0]
         return float(value), slope.numpy()
 
-    first = lagrangian.rest.detach().numpy()
+    first = (lagrangian.rest.detach() if near is None else near).numpy()
     optimum = minimize(energy_and_slope, first, jac=True, method="BFGS", options={"gtol": 1e-9})
     return torch.from_numpy(optimum.x)
 
@@ -434,13 +439,15 @@ def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> l
     return found
 
 
-def linearize_modes(lagrangian: Lagrangian, u: Float[Tensor, " n_u"]) -> LinearizedModes:
-    """Linearise the motion at the equilibrium under ``u`` and compute its modes.
+def linearize_modes(
+    lagrangian: Lagrangian, u: Float[Tensor, " n_u"], near: Float[Tensor, " d"] | None = None
+) -> LinearizedModes:
+    """Linearise the motion at the equilibrium under ``u``, as of `find_equilibrium`, and compute its modes.
 
     Solves ``(M s^2 + C s + K) x = 0`` with ``K`` the Hessian of the loaded potential. An over-damped pair
     gives two modes of zero frequency.
     """
-    q = find_equilibrium(lagrangian, u)
+    q = find_equilibrium(lagrangian, u, near)
     ready = lagrangian.prepare()
     force = jacobian(lambda x: lagrangian.conservative_force(x[None], u[None], ready)[0], q)
     with torch.no_grad():

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import norm, t
 from torch import Tensor
 
-from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
+from lagsplat.stage2.lagrangian import LinearizedModes, find_equilibrium, linearize_modes
 from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 
@@ -96,10 +96,11 @@ def draw_modes(
     that hardly determines it may be no mechanism at all. The law is left as it was.
     """
     theta, drawn = parameters.read(), []
+    near = find_equilibrium(parameters.lagrangian, u)
     for each in draws:
         parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
         with suppress(ValueError, RuntimeError, np.linalg.LinAlgError):
-            drawn.append(linearize_modes(parameters.lagrangian, u))
+            drawn.append(linearize_modes(parameters.lagrangian, u, near))
     parameters.write(theta)
     return drawn
 
