@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gapgen.answers import answer
+from benchmarks.gapgen.answers import answer, reported
 from benchmarks.gapgen.drawing import Recording, Stratum, draw
 from benchmarks.gapgen.keys import read_key
 from benchmarks.gapgen.render import FRAME_S, Camera, draw_look, film
@@ -111,14 +111,23 @@ def plain(value: object) -> object:
 
 
 def make(
-    split: str, key: str, n: int, out: Path, *, systems: str, jobs: int, tier: str = "T0"
+    split: str,
+    key: str,
+    n: int,
+    out: Path,
+    *,
+    systems: str,
+    jobs: int,
+    tier: str = "T0",
+    only_outside: bool = False,
 ) -> list[dict[str, Any]]:
-    """Make a split and return its answers in the order of the names."""
+    """Make a split, or what is outside the catalogue in it, and return the answers in the order of the names."""
     secret = key.encode()
     names = identities(secret, split, n)
     tasks: list[Task] = [
         (name, stratum, seed_of(secret, name), split, str(out), tier)
         for name, stratum in zip(names, strata(secret, split, n, systems), strict=True)
+        if not only_outside or reported(stratum.label[0], stratum) == "unknown"
     ]
     tasks.sort(key=lambda task: task[0])
     out.mkdir(parents=True, exist_ok=True)
@@ -127,8 +136,9 @@ def make(
     with Pool(jobs) as pool:
         for k, item in enumerate(pool.imap(make_one, tasks)):
             answers.append(item)
-            if (k + 1) % 10 == 0 or k + 1 == n:
-                print(f"{k + 1}/{n} recordings, {time.perf_counter() - began:.0f} s", file=sys.stderr)
+            if (k + 1) % 10 == 0 or k + 1 == len(tasks):
+                spent_s = time.perf_counter() - began
+                print(f"{k + 1}/{len(tasks)} recordings, {spent_s:.0f} s", file=sys.stderr)
     text = "".join(json.dumps(item, default=plain) + "\n" for item in answers)
     (out / "answers.jsonl").write_text(text, encoding="utf-8")
     return answers
@@ -144,6 +154,9 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
     parser.add_argument("--tier", choices=("T0", "T1"), default="T0", help="trajectories or films")
     parser.add_argument("--systems", choices=sorted(SYSTEMS), default="all", help="group of mechanisms")
+    parser.add_argument(
+        "--only-outside", action="store_true", help="recordings with effects of no catalogue entry alone"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     args = parser.parse_args(argv)
     if args.tier == "T1" and args.systems in WIDE:
@@ -151,7 +164,11 @@ def main(argv: list[str] | None = None) -> None:
             f"--systems {args.systems} has no films: only mechanisms of the other groups can be drawn"
         )
     make(
-        args.split, read_key(args.key), args.n, args.out, systems=args.systems, jobs=args.jobs, tier=args.tier
+        *(args.split, read_key(args.key), args.n, args.out),
+        systems=args.systems,
+        jobs=args.jobs,
+        tier=args.tier,
+        only_outside=args.only_outside,
     )
 
 

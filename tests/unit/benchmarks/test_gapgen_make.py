@@ -74,6 +74,15 @@ def test_without_an_effect_there_is_no_gap_to_speak_of() -> None:
     assert np.all(np.diff(recording.files["real_0.csv"]["t"]) > 0)
 
 
+def test_what_is_outside_the_catalogue_can_be_made_alone(tmp_path: Path) -> None:
+    words = ["--split", "t", "--key", "public", "--n", "16", "--out", str(tmp_path), "--systems", "d1"]
+    main([*words, "--only-outside"])
+    answers = [json.loads(line) for line in (tmp_path / "answers.jsonl").read_text().splitlines()]
+    assert len(answers) == 2
+    assert {a["id"] for a in answers} <= set(identities(b"public", "t", 16))
+    assert all(a["effects"] == ["unknown"] for a in answers)
+
+
 def test_files_give_nothing_away(tmp_path: Path) -> None:
     main(["--split", "t", "--key", "public", "--n", "3", "--out", str(tmp_path), "--systems", "d1"])
     answers = [json.loads(line) for line in (tmp_path / "answers.jsonl").read_text().splitlines()]
