@@ -121,7 +121,7 @@ def make(
     tier: str = "T0",
     only_outside: bool = False,
 ) -> list[dict[str, Any]]:
-    """Make a split, or what is outside the catalogue in it, and return the answers in the order of the names."""
+    """Make a split, or what is outside the catalogue in it, and return its answers by their names."""
     secret = key.encode()
     names = identities(secret, split, n)
     tasks: list[Task] = [
