@@ -2,14 +2,16 @@
 
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.gapgen.answers import SMALLEST_GAP
+from benchmarks.gapgen.strata import OUTSIDE_SHARE
 from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
 from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
@@ -116,7 +118,21 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
         labelled += [_label(row, "exact", "exact")] if "exact" in row else []
         if "left_out" in row and not _is_imitated(row):
             labelled.append(_label(row, "left_out", "left_out"))
-    return labelled
+    return _balance_outside(labelled)
+
+
+def _balance_outside(labelled: Sequence[LabelledChoice]) -> list[LabelledChoice]:
+    counts = Counter(each.families for each in labelled if each.kind == "outside")
+    others = sum(each.kind in ("none", "single", "pair") for each in labelled)
+    if not (counts and others):
+        return list(labelled)
+    each_weighs = OUTSIDE_SHARE / (1.0 - OUTSIDE_SHARE) * others / len(counts)
+    return [
+        replace(each, choice=replace(each.choice, weight=each_weighs / counts[each.families]))
+        if each.kind == "outside"
+        else each
+        for each in labelled
+    ]
 
 
 def _is_imitated(row: Mapping[str, Any]) -> bool:

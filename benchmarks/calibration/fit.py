@@ -82,7 +82,10 @@ def summarize(
         true = each.true_names
         if each.kind in ("none", "outside", "left_out"):
             hit = names[0] == "none" if each.kind == "none" else names[0] in ("none", "unknown")
-            shares.setdefault(f"{each.kind}: not named", []).append(names[0] in ("none", "unknown"))
+            unnamed = names[0] in ("none", "unknown")
+            shares.setdefault(f"{each.kind}: not named", []).append(unnamed)
+            if each.kind == "outside":
+                shares.setdefault(f"outside, {min(each.families)}: not named", []).append(unnamed)
         else:
             hit = names[0] in true
             shares.setdefault(f"{each.kind}: right first", []).append(hit)

@@ -286,8 +286,8 @@ class Lagrangian(nn.Module):
     def potential(self, q: Latents) -> Float[Tensor, " B"]:
         """``V(q)``, zero at the rest state and, unless polynomial, positive elsewhere."""
         if self.energy is not None and self.coordinates is not None:
-            x, rest = (self.coordinates.evaluate(at)[0] for at in (q, self.rest[None]))
-            return self.energy.potential(x) - self.energy.potential(rest)
+            value = self.energy.potential(self.coordinates.evaluate(torch.cat([q, self.rest[None]]))[0])
+            return value[:-1] - value[-1]
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image
@@ -303,8 +303,8 @@ class Lagrangian(nn.Module):
         Without ``u`` all inputs count as positive.
         """
         if self.energy is not None and self.coordinates is not None:
-            x, rest = (self.coordinates.evaluate(at)[0] for at in (q, self.rest[None]))
-            return self.energy.volume(x) - self.energy.volume(rest)
+            value = self.energy.volume(self.coordinates.evaluate(torch.cat([q, self.rest[None]]))[0])
+            return value[:-1] - value[-1]
         ready = self.prepare()
         image, _ = push_forward(q, ready.blocks)
         offset = image - ready.rest_image

@@ -19,6 +19,7 @@ from benchmarks.calibration.fit import GROUPS, fit_weights, predict_left_out, su
 from benchmarks.calibration.fit import main as fit
 from benchmarks.calibration.measure import measure_split
 from benchmarks.gapgen.make import main as make
+from benchmarks.gapgen.strata import OUTSIDE_SHARE
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
 from lagsplat.diagnose.verdict.features import NAMES, compute_features
@@ -156,6 +157,16 @@ def test_a_gap_within_tolerances_is_judged_beside_an_exact_sim() -> None:
 
 
 @pytest.mark.slow
+def test_effects_outside_the_catalogue_weigh_alike() -> None:
+    def outside(kind: str) -> dict[str, Any]:
+        return {"name": "unknown", "kind": kind, "class": ["unknown"]}
+
+    rows = [row(MADE, outside("bump")), *[row(MADE, outside("belt"))] * 3, *[row(MADE)] * 22]
+    weights = {each.families: each.choice.weight for each in label_rows(rows) if each.kind == "outside"}
+    assert weights[frozenset({"bump"})] == pytest.approx(3 * weights[frozenset({"belt"})])
+    assert 2 * weights[frozenset({"bump"})] == pytest.approx(OUTSIDE_SHARE / (1 - OUTSIDE_SHARE) * 22)
+
+
 def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) -> None:
     split, out = tmp_path / "split", tmp_path / "measures.jsonl"
     make(["--split", "t", "--key", "k", "--n", "2", "--out", str(split), "--systems", "d1", "--jobs", "1"])
