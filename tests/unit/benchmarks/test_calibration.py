@@ -83,7 +83,7 @@ def test_stored_rows_are_those_measured_and_always_the_same_bytes(tmp_path: Path
     for file in files:
         write_rows(file, rows)
     (kept,) = read_rows(files[:1])
-    assert kept["answer"]["noise"] == 1.23457e-3
+    assert kept["answer"]["noise"] == 1.2346e-3
     assert unpack_alternatives(kept["full"]).measures == MADE.measures
     assert files[0].read_bytes() == files[1].read_bytes()
 
