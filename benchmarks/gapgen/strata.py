@@ -199,8 +199,9 @@ def strata(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
     rng = np.random.default_rng(list(keyed(key, f"strata|{split}|{systems}|{n}")))
     n_none, n_out, n_pair = (round(share * n) for share in (NONE_SHARE, OUTSIDE_SHARE, PAIR_SHARE))
     singles = _spread(rng, list(WEIGHTS), list(WEIGHTS.values()), n - n_none - n_out - n_pair)
-    outside = _shares(rng, n_out, dict.fromkeys(OUTSIDE, 1.0))
-    labels = [("none",)] * n_none + [(name,) for name in [*singles, *outside]] + [("pair",)] * n_pair
+    # as the splits that are out were drawn: with few recordings, the first kinds alone
+    outside = list(rng.permutation(np.resize(OUTSIDE, max(n_out, 1))))[:n_out]
+    labels = [("none",)] * n_none + [(str(name),) for name in [*singles, *outside]] + [("pair",)] * n_pair
     where = [str(rng.choice(SYSTEMS[systems])) for _ in range(n)]
     noise = rng.permutation(np.resize(NOISE, n))
     long = rng.permutation(np.resize(DURATION_S, n))
