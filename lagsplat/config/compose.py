@@ -6,13 +6,12 @@ choices only, and torch and Numba are never loaded.
 """
 
 import difflib
-import functools
 import operator
 import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, fields, is_dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -86,7 +85,7 @@ def _set_values(composed: dict[str, Any], overrides: list[str]) -> dict[str, Any
         if override.is_sweep_override() or "${" in str(value) or isinstance(value, dict) or key in followed:
             raise KeyError(key)
         *sections, name = key.split(".")
-        section = functools.reduce(operator.getitem, sections, composed)
+        section = reduce(operator.getitem, sections, composed)
         if isinstance(section[name], dict):
             raise KeyError(key)
         section[name] = value
