@@ -18,7 +18,7 @@ from lagsplat.diagnose.verdict.features import compute_features
 from lagsplat.diagnose.verdict.judgement import name_main_causes
 
 SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all alternatives of a recording
-DIGITS = 5  # of stored numbers
+DIGITS = 5  # of stored numbers: no share moves by more than one recording against six
 DECISIVE = 3.0  # log Bayes factor [nat], 20 to 1: strong evidence by Kass and Raftery (1995)
 LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: so about a quarter have an unknown cause
 

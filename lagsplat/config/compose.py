@@ -23,8 +23,6 @@ from lagsplat.provenance import code_digest, recall, sha256_hex
 
 OPEN_TABLES = ("diagnose.columns=", "diagnose.columns.", "diagnose.targets=", "diagnose.targets.")
 """Beginnings of overrides of tables whose keys the user chooses: they may set keys that ``conf/`` lacks."""
-CANNOT_BE_SET = (KeyError, TypeError, ValueError)
-"""What setting a value in composed data raises: no such key, or a value of another type or domain."""
 Section = TypeVar("Section")
 
 
@@ -62,7 +60,8 @@ def _recall_composed(overrides: list[str]) -> dict[str, Any]:
     def make() -> dict[str, Any]:
         if len(choices) < len(overrides):
             values = [item for item in overrides if item not in choices]
-            with suppress(ConfigError, *CANNOT_BE_SET):  # Hydra then sets them, or says what is wrong
+            # no such key, or another type or domain: Hydra then converts the values, or says what is wrong
+            with suppress(KeyError, TypeError, ValueError):
                 return _set_values(_recall_composed(choices), values)
         return asdict(_compose_anew(overrides))
 

@@ -389,9 +389,12 @@ class LinearizedModes:
 def find_equilibrium(
     lagrangian: Lagrangian, u: Float[Tensor, " n_u"], near: Float[Tensor, " d"] | None = None
 ) -> Float[Tensor, " d"]:
-    """Find the equilibrium under a constant input, the minimum of ``V - u.nu`` downhill of a state.
+    """Find the equilibrium under a constant input, a minimum of ``V - u.nu``.
 
-    That is the state at rest, unless there is one ``near`` the equilibrium.
+    Args:
+        lagrangian: the law.
+        u: the input of each channel, in the units of the recording.
+        near: state from which the search goes downhill [whitened units]; by default the law's rest state.
     """
 
     def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:

@@ -29,7 +29,7 @@ INK = "#222222"
 ALONG_X, ALONG_Y = ("data", "axes fraction"), ("axes fraction", "data")
 """Coordinates of a text: data along one direction, and the share of the axis along the other."""
 SVG_LAYOUT_PASSES = 3  # at most
-SVG_LAYOUT_TOLERANCE = 1e-3  # by which axes may move in the last pass [share of the figure]
+SVG_LAYOUT_TOLERANCE = 1e-3  # by which axes may move in the last pass [share of the figure]: a pixel
 SVG_PAD_IN = 0.09
 MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 

@@ -96,7 +96,7 @@ def draw_diagnosis_figures(diagnosis: Diagnosis, content: ReportContent) -> list
     if not read_location(diagnosis).get("smoothed"):
         text = "Forecasts of held-out blocks (vertical lines: new starts); the residual was not computed."
         captions["time"] = (CAPTIONS["time"][0], text)
-    # A dollar in the name of a column or a file is no formula, and neither is it in `encode_svg_uri`.
+    # A dollar in the name of a column or a file is no formula, in ticks' labels (`encode_svg_uri`) neither.
     with paper_style(), mpl.rc_context({"text.parse_math": False}):
         figures = {
             "waterfall": figure_hypotheses.draw_waterfall(diagnosis),

@@ -156,7 +156,6 @@ def test_a_gap_within_tolerances_is_judged_beside_an_exact_sim() -> None:
     assert (told["single: right first"], told["single: left unnamed"]) == (0.0, 1.0)
 
 
-@pytest.mark.slow
 def test_effects_outside_the_catalogue_weigh_alike() -> None:
     def outside(kind: str) -> dict[str, Any]:
         return {"name": "unknown", "kind": kind, "class": ["unknown"]}
@@ -167,6 +166,7 @@ def test_effects_outside_the_catalogue_weigh_alike() -> None:
     assert 2 * weights[frozenset({"bump"})] == pytest.approx(OUTSIDE_SHARE / (1 - OUTSIDE_SHARE) * 22)
 
 
+@pytest.mark.slow
 def test_recordings_are_measured_once_and_a_file_is_continued(tmp_path: Path) -> None:
     split, out = tmp_path / "split", tmp_path / "measures.jsonl"
     make(["--split", "t", "--key", "k", "--n", "2", "--out", str(split), "--systems", "d1", "--jobs", "1"])
