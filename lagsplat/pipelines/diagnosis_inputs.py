@@ -293,10 +293,11 @@ def _find_targets(
 
 def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
     """Average samples that are denser than the motion needs; findings of repeats in them no longer hold."""
-    real, notes = average_dense_samples(checked.real.motions, hold=hold)
+    repeating = {finding.source for finding in checked.findings if finding.check == REPEATED_SAMPLES_CHECK}
+    real, notes = average_dense_samples(checked.real.motions, hold=hold, repeating=repeating)
     checked = replace(checked, real=replace(checked.real, motions=real))
     if checked.sim is not None:
-        nominal, nominal_notes = average_dense_samples(checked.sim.motions, hold=hold)
+        nominal, nominal_notes = average_dense_samples(checked.sim.motions, hold=hold, repeating=repeating)
         checked, notes = replace(checked, sim=replace(checked.sim, motions=nominal)), (*notes, *nominal_notes)
     averaged = {finding.source for finding in notes}
     kept = [

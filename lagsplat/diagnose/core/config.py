@@ -184,15 +184,23 @@ class NATURAL_PERIOD:
 class NOISE_ESTIMATION:
     """Moving-window polynomial fit that separates noise from motion. Commit d06fac6."""
 
-    polynomial_degree: int = 5  # degree of the polynomial in a window [1]
-    fast_degree: int = 7  # degree where that one leaves motion [1]: at 10 samples a period 3e-4 of the swing
+    window_widths: tuple[int, ...] = (24, 48, 96)  # samples of a window [count]
+    window_degrees: tuple[int, ...] = (5, 9, 13, 17, 21, 29)  # degrees of the polynomials in a window [1]
+    degrees_per_period: float = 20.0  # degree that a period of motion takes, at least [1]: five for a quarter
+    guard_degrees: int = 3  # next degrees, in which motion shows first [count]
+    guard_agreement: float = 1.25  # noise in them over the noise beyond [1]; above, there is motion
+    fast_degree: int = 7  # degree in the shortest windows [1]: at 10 samples a period 3e-4 of the swing
     min_window: int = 9  # samples of the shortest window [count]
-    max_window: int = 24  # samples of the longest window [count]
-    max_window_periods: float = 0.25  # duration of a window, at most [natural periods]
+    min_windows: int = 4  # windows of a recording, at least [count]
     max_windows: int = 600  # windows looked at, evenly over the motions [count]
+    max_uneven_windows: int = 20  # of them, where each has times of its own [count]
     student_t_freedom: float = 4.0  # of Student's t [1]; heavy tails, as kinks fall into some windows
-    correlation_grid: tuple[float, float, int] = (-0.6, 0.9, 16)  # of neighboring errors [first, last, count]
-    window_agreement: float = 1.25  # noise of a longer window over the shortest's [1]; above, it holds motion
+    correlation_range: tuple[float, float, int] = (
+        0.1,
+        0.98,
+        24,
+    )  # of neighbouring errors [first, last, count]
+    max_alternation: float = 0.6  # size of a negative one [1]
     correlated_log_ratio: float = 6.0  # log-likelihood by which correlated noise must beat white noise [nat]
 
 
@@ -201,7 +209,8 @@ class SAMPLING:
 
     decimated_samples_per_period: float = 40.0  # samples kept in the rms period of the rates [count]: as many
     # as the integrator's steps
-    decimated_rate_hz: float = 120.0  # rate that decimation keeps [Hz]: a camera's, to see lost frames
+    decimated_rate_hz: float = 50.0  # rate that decimation keeps [Hz]
+    camera_rate_hz: float = 120.0  # rate that it keeps where frames are lost [Hz]
     repeat_noise_ratio: float = 4.0  # step that the motion makes where a value repeats, over the noise [1]
     coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
     min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from scipy.stats import chi2
 
 from lagsplat.diagnose.core.config import NOISE_ESTIMATION
@@ -90,31 +90,40 @@ class MeasurementNoise:
 def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> MeasurementNoise:
     """Measure the noise of motions that one sensor recorded.
 
-    Noise is what no polynomial over part of a period explains. Contrasts of a window that are orthogonal to
-    polynomials of degree `NOISE_ESTIMATION.polynomial_degree` are Gaussian with the covariance of a
-    first-order autoregression; Student's t reduces the weight of windows with a kink. Correlation is 0 unless
-    its log evidence exceeds `NOISE_ESTIMATION.correlated_log_ratio` nats. ``period_s`` is the natural period
-    [s]; without it the shortest windows are used. Where motion that is fast against the sampling exceeds the
-    polynomials, those of degree `NOISE_ESTIMATION.fast_degree` leave less, and the noise is what they leave.
-    Sigma is NaN where no clip has `NOISE_ESTIMATION.min_window` samples; it is at least that of rounding to
-    the quantisation step.
+    Noise is what no polynomial over a window explains: contrasts orthogonal to the polynomials are Gaussian
+    with the covariance of a first-order autoregression, Student's t reducing the weight of windows with a
+    kink. Noise that lasts shows in windows that are long for the degree of their polynomials, and so does
+    motion; the longest windows without motion are taken. Motion is left where the next
+    `NOISE_ESTIMATION.guard_degrees` polynomials are larger than the noise of those of higher degree,
+    continued down to them, makes likely. A window of one natural period ``period_s`` [s] takes polynomials of
+    degree `NOISE_ESTIMATION.degrees_per_period` or more.
+
+    Where all windows hold motion, or without a period, noise is white, and what polynomials of degree
+    `NOISE_ESTIMATION.fast_degree` leave in the shortest windows. Sigma is NaN where no clip is as long as
+    these; it is at least that of rounding to the quantisation step.
 
     Source: marginal likelihood over contrasts as in REML, Patterson and Thompson 1971,
     doi:10.1093/biomet/58.3.545.
     """
     step = measure_resolution(motions)
-    dt_s = np.median([motion.dt_s for motion in motions])
-    least = longest = NOISE_ESTIMATION.min_window
-    if period_s is not None:
-        wanted = NOISE_ESTIMATION.max_window_periods * period_s / dt_s
-        longest = int(np.clip(wanted, least, NOISE_ESTIMATION.max_window))
-    agreement, usual = NOISE_ESTIMATION.window_agreement, NOISE_ESTIMATION.polynomial_degree
-    fast = _estimate_in_windows(motions, least, dt_s, degree=NOISE_ESTIMATION.fast_degree)
-    chosen = fast
-    for width in sorted({least, longest, (least + longest) // 2}):
-        found = _estimate_in_windows(motions, width, dt_s, degree=usual)
-        chosen = np.where(found[:, 2:] <= agreement * fast[:, 2:], found, chosen)
-    sigma, correlation, _ = chosen.T
+    dt_s = float(np.median([motion.dt_s for motion in motions]))
+    sigma, correlation = np.full(motions[0].d, np.nan), np.zeros(motions[0].d)
+    for width, degree in _list_window_shapes(0.0 if period_s is None else period_s / dt_s):
+        unknown = np.flatnonzero(np.isnan(sigma))
+        windows = _cut_windows(motions, width, dt_s)
+        if not len(unknown) or windows is None:
+            continue
+        models = _list_noise_models(windows.offset, degree)
+        for i in unknown:
+            fit = _fit_autoregression(windows.values[..., i], models)
+            if fit is not None:
+                sigma[i], correlation[i] = fit
+    shortest = _cut_windows(motions, NOISE_ESTIMATION.min_window, dt_s)
+    if shortest is not None:
+        basis = _compute_contrasts(shortest.offset, NOISE_ESTIMATION.fast_degree)
+        contrasts = np.einsum("wkc,wkd->dwc", basis, shortest.values)
+        for i in np.flatnonzero(np.isnan(sigma)):
+            sigma[i] = np.sqrt(_fit_gaussian_variance((contrasts[i] ** 2).sum(axis=1), basis.shape[-1]))
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
 
 
@@ -144,12 +153,34 @@ def find_quantisation_step(values: Float64[np.ndarray, " T"]) -> float:
     return step if exact.mean() > 0.98 and span < 1e5 * step else 0.0
 
 
-def _estimate_in_windows(
-    motions: Sequence[Trajectory], width: int, dt_s: float, *, degree: int
-) -> Float64[np.ndarray, "d 3"]:
-    """Per coordinate: standard deviation, correlation, and the standard deviation if the noise were white.
+def _list_window_shapes(samples_per_period: float) -> list[tuple[int, int]]:
+    """Samples and degrees of the windows that noise is sought in, those that are longest for their degree
+    first."""
+    shapes = [
+        (width, degree)
+        for width in NOISE_ESTIMATION.window_widths
+        for degree in NOISE_ESTIMATION.window_degrees
+        if degree * samples_per_period >= NOISE_ESTIMATION.degrees_per_period * width
+        and width - degree - 1 >= 2 * NOISE_ESTIMATION.guard_degrees
+    ]
+    return sorted(
+        shapes, key=lambda shape: shape[0] / (shape[1] + NOISE_ESTIMATION.guard_degrees), reverse=True
+    )
 
-    Both deviations are NaN where no clip is as long as a window.
+
+@dataclass(frozen=True)
+class _Windows:
+    """Windows of ``K`` samples, at the same times (w = 1) or each at its own (w = W)."""
+
+    offset: Float64[np.ndarray, "w K"]  # times from the middle [samples]
+    values: Float64[np.ndarray, "W K d"]  # from their mean
+
+
+def _cut_windows(motions: Sequence[Trajectory], width: int, dt_s: float) -> _Windows | None:
+    """At most `NOISE_ESTIMATION.max_windows`, evenly over the motions; None for fewer than `min_windows`.
+
+    Where half of them or more are evenly sampled, those alone. Otherwise each has times of its own, which
+    takes as much time as `NOISE_ESTIMATION.uneven_speed` even ones.
     """
     windows = [
         (motion, slice(first, first + width))
@@ -157,55 +188,120 @@ def _estimate_in_windows(
         for start, stop in motion.segments
         for first in range(start, stop - width + 1, width)
     ]
-    if not windows:
-        return np.tile([np.nan, 0.0, np.nan], (motions[0].d, 1))
-    count = min(len(windows), NOISE_ESTIMATION.max_windows)
-    chosen = [windows[k] for k in np.unique(np.linspace(0, len(windows) - 1, count).astype(int))]
-    time = np.stack([motion.time_s[window] for motion, window in chosen]) / dt_s
-    values = np.stack([motion.q[window] for motion, window in chosen])
-    offset = time - time.mean(axis=1, keepdims=True)
-    offset = offset / np.abs(offset).max(axis=1, keepdims=True)
-    terms = degree + 1
-    # An orthonormal basis (W, K, c) of the complement of polynomials over each window.
-    contrasts = np.linalg.qr(offset[..., None] ** np.arange(terms), mode="complete")[0][..., terms:]
-    lags = np.abs(time[:, :, None] - time[:, None, :])
-    projected = np.einsum("wkc,wkd->dwc", contrasts, values - values.mean(axis=1, keepdims=True))
-    rounding = 1e-14 * np.abs(values).max(axis=(0, 1))
-    rows = [
-        (0.0, 0.0, 0.0) if np.abs(observed).max() <= least else _fit_autoregression(observed, contrasts, lags)
-        for observed, least in zip(projected, rounding, strict=True)
+    if len(windows) < NOISE_ESTIMATION.min_windows:
+        return None
+    chosen = _spread(len(windows), NOISE_ESTIMATION.max_windows)
+    time = np.stack([windows[k][0].time_s[windows[k][1]] for k in chosen]) / dt_s
+    values = np.stack([windows[k][0].q[windows[k][1]] for k in chosen])
+    values = values - values.mean(axis=1, keepdims=True)
+    offset, regular = time - time.mean(axis=1, keepdims=True), np.arange(width) - 0.5 * (width - 1)
+    even = np.abs(offset - regular).max(axis=1) < 0.1
+    if even.mean() >= 0.5:
+        return _Windows(regular[None], values[even])
+    few = _spread(len(offset), NOISE_ESTIMATION.max_uneven_windows)
+    return _Windows(offset[few], values[few])
+
+
+def _spread(n: int, most: int) -> Int64[np.ndarray, " k"]:
+    """At most ``most`` of ``n`` numbers, evenly spread."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
+
+
+def _compute_contrasts(offset: Float64[np.ndarray, "w K"], degree: int) -> Float64[np.ndarray, "w K c"]:
+    """Orthonormal contrasts of samples at ``offset``: no polynomial up to ``degree`` shows in them.
+
+    The first `NOISE_ESTIMATION.guard_degrees` are those of the next degrees.
+    """
+    scaled = offset / np.abs(offset).max(axis=1, keepdims=True)
+    highest = min(degree + NOISE_ESTIMATION.guard_degrees, offset.shape[1] - 1)
+    polynomials = np.polynomial.legendre.legvander(scaled, highest)
+    return np.linalg.qr(polynomials, mode="complete")[0][..., degree + 1 :]
+
+
+@dataclass(frozen=True)
+class _NoiseModel:
+    """Contrasts of an autoregression of unit variance, and what its others tell of the guard contrasts."""
+
+    correlation: float  # of neighbouring samples
+    basis: Float64[np.ndarray, "w K c"]  # contrasts
+    precision: Float64[np.ndarray, "w r r"]  # inverse covariance of all but the guard contrasts
+    log_volume: Float64[np.ndarray, " w"]  # log determinant of their covariance
+    gain: Float64[np.ndarray, "w g r"]  # expected guard contrasts, given the others
+    guard_precision: Float64[
+        np.ndarray, "w g g"
+    ]  # inverse covariance of the guard contrasts, given the others
+
+
+def _list_noise_models(offset: Float64[np.ndarray, "w K"], degree: int) -> list[_NoiseModel]:
+    """Models of white noise, first, and of correlated noise."""
+    basis = _compute_contrasts(offset, degree)
+    lags = np.abs(offset[:, :, None] - offset[:, None, :])
+    first, last, count = NOISE_ESTIMATION.correlation_range
+    # correlations near one differ by the time that they last; negative ones alternate, for even steps only
+    positive = 1.0 - np.geomspace(1.0 - first, 1.0 - last, count)
+    signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if len(offset) == 1 else None
+    grid = [
+        0.0,
+        *positive,
+        *(-positive[positive <= NOISE_ESTIMATION.max_alternation] if signs is not None else ()),
     ]
-    return np.array(rows)
+    models, g = [], NOISE_ESTIMATION.guard_degrees
+    for rho in grid:
+        errors = abs(rho) ** lags * (signs if rho < 0.0 else 1.0)
+        covariance = np.swapaxes(basis, 1, 2) @ errors @ basis
+        precision, cross = np.linalg.inv(covariance[:, g:, g:]), covariance[:, :g, g:]
+        gain = cross @ precision
+        given = covariance[:, :g, :g] - gain @ np.swapaxes(cross, 1, 2)
+        volume = np.linalg.slogdet(covariance[:, g:, g:])[1]
+        models.append(_NoiseModel(float(rho), basis, precision, volume, gain, np.linalg.inv(given)))
+    return models
 
 
 def _fit_autoregression(
-    observed: np.ndarray, contrasts: np.ndarray, lags: np.ndarray
-) -> tuple[float, float, float]:
-    """Standard deviation and correlation of the likeliest first-order autoregression, and of white noise."""
-    scores = []
-    size = observed.shape[1]
-    even = bool(np.abs(lags - np.rint(lags)).max() < 0.2)
-    grid = np.linspace(*NOISE_ESTIMATION.correlation_grid)
-    for rho in np.where(np.abs(grid) < 1e-9, 0.0, grid):
-        if rho < 0.0 and not even:  # negative correlation alternates, which is defined for even steps only
-            continue
-        signs = np.where(np.rint(lags) % 2, -1.0, 1.0) if rho < 0 else 1.0
-        errors = signs * np.abs(rho) ** lags
-        covariance = np.einsum("wkc,wkl,wld->wcd", contrasts, errors, contrasts, optimize=True)
-        distance = (observed * np.linalg.solve(covariance, observed[..., None])[..., 0]).sum(axis=1)
-        variance = _fit_student_variance(distance, size)
-        freedom = NOISE_ESTIMATION.student_t_freedom
-        fitted = np.log1p(distance / (freedom * variance)).sum() * (freedom + size) / 2.0
-        volume = np.linalg.slogdet(covariance)[1].sum() / 2.0 + observed.size * np.log(variance) / 2.0
+    values: Float64[np.ndarray, "W K"], models: Sequence[_NoiseModel]
+) -> tuple[float, float] | None:
+    """Standard deviation and correlation of the likeliest noise; None if windows hold motion.
+
+    Noise is white unless the log evidence of a correlation exceeds `NOISE_ESTIMATION.correlated_log_ratio`.
+    """
+    contrasts = (values[:, None] @ models[0].basis)[:, 0]
+    g = NOISE_ESTIMATION.guard_degrees
+    guards, others = contrasts[:, :g], contrasts[:, g:]
+    if np.abs(contrasts).max() <= 1e-14 * np.abs(values).max():
+        return 0.0, 0.0
+    scores, freedom = [], NOISE_ESTIMATION.student_t_freedom
+    for model in models:
+        distance = _compute_distance(others, model.precision)
+        variance = _fit_student_variance(distance, others.shape[1])
+        fitted = np.log1p(distance / (freedom * variance)).sum() * (freedom + others.shape[1]) / 2.0
+        volume = len(values) * model.log_volume.mean() / 2.0 + others.size * np.log(variance) / 2.0
         # Noise correlated over more than a window looks like motion: a prior keeps the correlation small.
-        prior = 3.0 * np.log1p(-(rho**2))
-        scores.append((float(prior - fitted - volume), variance, float(rho)))
-    white = next(score for score in scores if score[2] == 0.0)
-    best = max(scores)
-    chosen = best if best[0] - white[0] > NOISE_ESTIMATION.correlated_log_ratio else white
-    # Student's scale is below the variance of Gaussian noise, by a factor that depends on the size only.
-    factor = 1.0 / _fit_student_variance(chi2.ppf((np.arange(2000) + 0.5) / 2000, size), size)
-    return float(np.sqrt(chosen[1] * factor)), chosen[2], float(np.sqrt(white[1] * factor))
+        scores.append(3.0 * np.log1p(-(model.correlation**2)) - fitted - volume)
+    best = int(np.argmax(scores))
+    model = models[best if scores[best] - scores[0] > NOISE_ESTIMATION.correlated_log_ratio else 0]
+    variance = _fit_gaussian_variance(_compute_distance(others, model.precision), others.shape[1])
+    unexpected = guards - (others[:, None] @ np.swapaxes(model.gain, 1, 2))[:, 0]
+    excess = _fit_gaussian_variance(_compute_distance(unexpected, model.guard_precision), g)
+    by_chance = 1.0 + 2.0 / np.sqrt(2.0 * guards.size)  # two standard errors
+    if np.sqrt(excess) > NOISE_ESTIMATION.guard_agreement * by_chance * np.sqrt(variance):
+        return None
+    return float(np.sqrt(variance)), model.correlation
+
+
+def _compute_distance(
+    values: Float64[np.ndarray, "W c"], precision: Float64[np.ndarray, "w c c"]
+) -> Float64[np.ndarray, " W"]:
+    """Squared Mahalanobis distances of rows from zero."""
+    return ((values[:, None] @ precision)[:, 0] * values).sum(axis=1)
+
+
+def _fit_gaussian_variance(distance: Float64[np.ndarray, " W"], size: int) -> float:
+    """Variance of Gaussian noise from squared distances, by Student's scale: below the variance, by a factor
+    that depends on the size only."""
+    if not distance.any():
+        return 0.0
+    usual = chi2.ppf((np.arange(2000) + 0.5) / 2000, size)
+    return _fit_student_variance(distance, size) / _fit_student_variance(usual, size)
 
 
 def _fit_student_variance(distance: np.ndarray, size: int) -> float:

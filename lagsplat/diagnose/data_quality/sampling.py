@@ -4,11 +4,12 @@ Computing time grows with every sample, and a thousand of them a period hold no 
 ten.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float64
 from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import SAMPLING
@@ -21,19 +22,22 @@ REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples tha
 
 
 def average_dense_samples(
-    motions: Sequence[Trajectory], *, hold: str
+    motions: Sequence[Trajectory], *, hold: str, repeating: Collection[str] = ()
 ) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
     """Average neighbours where a period has far more than `SAMPLING.decimated_samples_per_period` samples.
 
-    At least `SAMPLING.decimated_rate_hz` a second remain. ``hold`` is how inputs act between samples: ``zoh``
-    or ``linear``. Returns the motions and a finding for each that was averaged.
+    At least `SAMPLING.decimated_rate_hz` a second remain, and `SAMPLING.camera_rate_hz` in motions whose
+    source is among ``repeating``: some of their samples repeat the one before, which a mean hides. ``hold``
+    is how inputs act between samples: ``zoh`` or ``linear``. Returns the motions and a finding for each that
+    was averaged.
     """
     period_s = compute_rms_period_s(motions, 1)
     averaged, findings = [], []
     for motion in motions:
         ratio = (period_s or 0.0) / (SAMPLING.decimated_samples_per_period * motion.dt_s)
-        ratio = min(ratio, 1.0 / (SAMPLING.decimated_rate_hz * motion.dt_s))
-        n = 2 * int((ratio - 1.0) / 2.0) + 1 if ratio > 1.0 else 1
+        kept_hz = SAMPLING.camera_rate_hz if motion.source in repeating else SAMPLING.decimated_rate_hz
+        ratio = min(ratio, 1.0 / (kept_hz * motion.dt_s))
+        n = max(int(ratio + 1e-9), 1)
         shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
         averaged.append(shorter)
         if shorter is not motion:
@@ -48,37 +52,55 @@ def average_dense_samples(
 
 
 def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
-    """Average ``n`` samples at a time, an odd number, each within one clip.
+    """Average ``n`` samples at a time, each time within one clip.
 
-    Samples left over at a clip's end are dropped. Inputs that are ``held`` are constant from one sample to
-    the next: they are averaged from one middle to the next. A mean of counts is as wrong as a count where
-    the motion stays within one, and ``sqrt(n)`` times better where each sample counts on; so is the
-    resolution that the result names.
+    Samples left over at a clip's end are dropped. The mean of a curved motion is not its value at the mean
+    of the times: a 24th of the second difference of the means lies between them. Inputs that are ``held`` are
+    constant from one sample to the next: they are averaged from one middle to the next. A mean of counts is
+    as wrong as a count where the motion stays within one, and ``sqrt(n)`` times better where each sample
+    counts on; so is the resolution that the result names.
 
-    Source: quantisation error of dithered signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
+    Source: values from cell averages, Shu 1998, doi:10.1007/BFb0096355; quantisation error of dithered
+    signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
     """
-    rows, later = [], []
+    indices = []
     for start, stop in motion.segments:
         groups = (stop - start) // n
-        if groups < 2:
-            continue
-        index = start + np.arange(groups * n).reshape(groups, n)
-        rows.append(index)
-        later.append(np.minimum(index + n // 2, stop - 1))
-    if not rows:
+        if groups >= 2:
+            indices.append(start + np.arange(groups * n).reshape(groups, n))
+    if not indices:
         return motion
-    group = np.concatenate(rows)
+
+    def reconstruct(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([_reconstruct_middles(values[index].mean(axis=1), n) for index in indices])
+
+    def integrate(values: np.ndarray) -> np.ndarray:
+        ends = [index[-1, -1] for index in indices]
+        middles = [
+            np.mean([values[np.minimum(index + shift, end)] for shift in ((n - 1) // 2, n // 2)], axis=(0, 2))
+            for index, end in zip(indices, ends, strict=True)
+        ]
+        return np.concatenate(middles)
+
     resolution = measure_resolution([motion])
     counted = np.median(np.abs(np.diff(motion.q, axis=0)), axis=0) >= resolution
     return replace(
         motion,
-        time_s=motion.time_s[group].mean(axis=1),
-        q=motion.q[group].mean(axis=1),
-        v=None if motion.v is None else motion.v[group].mean(axis=1),
-        u=motion.u[np.concatenate(later) if held else group].mean(axis=1),
-        segments=tuple(pairwise([0, *np.cumsum([len(index) for index in rows]).tolist()])),
+        time_s=np.concatenate([motion.time_s[index].mean(axis=1) for index in indices]),
+        q=reconstruct(motion.q),
+        v=None if motion.v is None else reconstruct(motion.v),
+        u=integrate(motion.u) if held else np.concatenate([motion.u[i].mean(axis=1) for i in indices]),
+        segments=tuple(pairwise([0, *np.cumsum([len(index) for index in indices]).tolist()])),
         resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
     )
+
+
+def _reconstruct_middles(means: Float64[np.ndarray, "G d"], n: int) -> Float64[np.ndarray, "G d"]:
+    """Values at the middles of successive groups of ``n`` samples, from their means; of three or less, these."""
+    if len(means) < 4:
+        return means
+    bends = np.pad(np.diff(means, 2, axis=0), ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    return means - (1.0 - 1.0 / n**2) / 24.0 * bends
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
