@@ -96,7 +96,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
 
 
 def _reconstruct_middles(means: Float64[np.ndarray, "G d"], n: int) -> Float64[np.ndarray, "G d"]:
-    """Values at the middles of successive groups of ``n`` samples, from their means; of three or less, these."""
+    """Values at the middles of groups of ``n`` samples, from their means; of three or less, the means."""
     if len(means) < 4:
         return means
     bends = np.pad(np.diff(means, 2, axis=0), ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
