@@ -55,16 +55,21 @@ def measure_answer_spread(
         points: one for each row.
         reference: a push of one row.
     """
-    best = _displace(held, reference, reference.points)[0]
-    nudged = _displace(held, ScaledLoad(reference, 1.0 + NUDGE), reference.points)[0]
+    rest, poked, loaded = (_settle(held, each, held.rest) for each in (None, reference, load))
+    best = _displace(reference.points, poked, rest)[0]
+    stronger = ScaledLoad(reference, 1.0 + NUDGE)
+    nudged = _displace(reference.points, _settle(held, stronger, poked), rest)[0]
     slope = float(((nudged - best) @ best) / (best @ best)) / NUDGE
-    ways = _displace(held, load, points)
+    ways = _displace(points, loaded, rest)
 
     def measure(bodies: tuple[BodyMotion, ...]) -> Float[Tensor, "B n"]:
-        poke = reference.moved_by(bodies)
-        excess = float(((_displace(held, poke, poke.points)[0] - best) @ best) / (best @ best))
-        scaled = ScaledLoad(load.moved_by(bodies), 1.0 - excess / slope)
-        return _displace(held, scaled, points.moved_by(bodies)) - ways
+        # equilibria of a law so near start from those of the most likely one, whose branch they are on
+        own, poke = _settle(held, None, rest), reference.moved_by(bodies)
+        moved = _displace(poke.points, _settle(held, poke, poked), own)[0]
+        scaled = ScaledLoad(
+            load.moved_by(bodies), 1.0 - float(((moved - best) @ best) / (best @ best)) / slope
+        )
+        return _displace(points.moved_by(bodies), _settle(held, scaled, loaded), own) - ways
 
     over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))
     if over_laws is None:
@@ -112,8 +117,13 @@ def _measure_over_laws(
     return torch.stack(changes) if len(changes) >= FEWEST else None
 
 
-def _displace(held: OperatingPoint, load: Load, points: MaterialPoints) -> Float[Tensor, "B n"]:
-    """Displacement of the point of each row from rest under a law as it is now [px]."""
-    u = held.u.expand(len(load), -1)
-    rest = settle(held.law, held.u[None], start=held.rest)
-    return points.carry_each(settle(held.law, u, load, start=held.rest)) - points.carry(rest)[0]
+def _settle(held: OperatingPoint, load: Load | None, start: Tensor) -> Float[Tensor, "B d"]:
+    """Equilibria under each row of a load, or at rest, under a law as it is now."""
+    return settle(held.law, held.u.expand(1 if load is None else len(load), -1), load, start=start)
+
+
+def _displace(
+    points: MaterialPoints, states: Float[Tensor, "B d"], rest: Float[Tensor, "1 d"]
+) -> Float[Tensor, "B n"]:
+    """Displacement of the point of each row from rest [px]."""
+    return points.carry_each(states) - points.carry(rest)[0]

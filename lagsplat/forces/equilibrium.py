@@ -24,7 +24,7 @@ def settle(
     load: Load | None = None,
     *,
     edits: LawEdits = UNTOUCHED,
-    start: Latent | None = None,
+    start: Latent | Latents | None = None,
 ) -> Latents:
     """Find the equilibria (B, d) under inputs ``u`` and a ``load``, one per row.
 
@@ -32,7 +32,7 @@ def settle(
     their absolute value, so that every step descends; a step is halved until the energy falls by Armijo's
     rule. The quadratic floor of ``V`` outgrows the work of a load, at most linear far away, so lower level
     sets of the energy are compact and every limit point is stationary for any network and load. ``start`` is
-    the first state of the iteration, by default the rest state of the law.
+    the first state of the iteration, of all rows or of each, by default the rest state of the law.
 
     Raises:
         ValueError: energies overflow under the load, or the iterations do not suffice.

@@ -191,7 +191,9 @@ def _read_sides(
         if not models:
             nominal = read_sources(sims, columns=columns, joint_unit=joint_unit)
             motions = adopt_names(motions, nominal)
-        checked = _decimate(check_data(nominal, motions), hold=config.input_hold)
+        checked = _decimate(
+            check_data(nominal, motions), hold=config.input_hold, chain=_is_chain(models, motions, config)
+        )
         if models and models[0].kind == "mujoco":
             checked = replace(checked, findings=(*check_urdf(Path(models[0].path)), *checked.findings))
     show_checks(checked)
@@ -224,7 +226,7 @@ def _assess_excitation(checked: DataCheck, loop: Sequence[str], *, film: bool) -
 def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs, ...]:
     """One simulator for each joint; nothing where the sim is no such chain."""
     motions = sides.checked.real.motions
-    if not sides.models or sides.models[0].kind != "mujoco" or motions[0].d <= config.max_coupled:
+    if not _is_chain(sides.models, motions, config):
         return ()
     path = Path(sides.models[0].path)
     chosen = load_mujoco(path, **config.model_choice)
@@ -291,13 +293,24 @@ def _find_targets(
     return {**found, **config.targets}
 
 
-def _decimate(checked: DataCheck, *, hold: str) -> DataCheck:
-    """Average samples that are denser than the motion needs; findings of repeats in them no longer hold."""
-    repeating = {finding.source for finding in checked.findings if finding.check == REPEATED_SAMPLES_CHECK}
-    real, notes = average_dense_samples(checked.real.motions, hold=hold, repeating=repeating)
+def _is_chain(models: Sequence[DataSource], motions: Sequence[Trajectory], config: DiagnoseConfig) -> bool:
+    """Whether a sim may be diagnosed joint by joint."""
+    return bool(models) and models[0].kind == "mujoco" and motions[0].d > config.max_coupled
+
+
+def _decimate(checked: DataCheck, *, hold: str, chain: bool) -> DataCheck:
+    """Average samples that are denser than the motion needs; findings of repeats in them no longer hold.
+
+    Fewer are averaged where samples repeat those before, which a mean hides, and in a ``chain``, where the
+    accelerations of joints are inputs of others.
+    """
+    fine = {finding.source for finding in checked.findings if finding.check == REPEATED_SAMPLES_CHECK}
+    if chain:
+        fine = {motion.source for motion in checked.real.motions}
+    real, notes = average_dense_samples(checked.real.motions, hold=hold, kept_fine=fine)
     checked = replace(checked, real=replace(checked.real, motions=real))
     if checked.sim is not None:
-        nominal, nominal_notes = average_dense_samples(checked.sim.motions, hold=hold, repeating=repeating)
+        nominal, nominal_notes = average_dense_samples(checked.sim.motions, hold=hold, kept_fine=fine)
         checked, notes = replace(checked, sim=replace(checked.sim, motions=nominal)), (*notes, *nominal_notes)
     averaged = {finding.source for finding in notes}
     kept = [

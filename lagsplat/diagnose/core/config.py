@@ -210,7 +210,7 @@ class SAMPLING:
     decimated_samples_per_period: float = 40.0  # samples kept in the rms period of the rates [count]: as many
     # as the integrator's steps
     decimated_rate_hz: float = 50.0  # rate that decimation keeps [Hz]
-    camera_rate_hz: float = 120.0  # rate that it keeps where frames are lost [Hz]
+    fine_rate_hz: float = 120.0  # rate that it keeps where samples repeat, or joints drive others [Hz]
     repeat_noise_ratio: float = 4.0  # step that the motion makes where a value repeats, over the noise [1]
     coarse_samples_per_period: float = 8.0  # samples in a period below which a warning is due [count]
     min_samples_per_period: float = 4.0  # samples in a period below which nothing is computed [count]

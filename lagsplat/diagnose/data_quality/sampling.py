@@ -18,24 +18,26 @@ from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_resolution
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+MEAN_OF_BEND, MEAN_OF_CORNER = 1.0 / 24.0, 1.0 / 8.0
+"""Mean of a parabola, and of straight lines through its samples, over a step about a sample: what it exceeds
+the sample by, over the second difference."""
 REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
 
 
 def average_dense_samples(
-    motions: Sequence[Trajectory], *, hold: str, repeating: Collection[str] = ()
+    motions: Sequence[Trajectory], *, hold: str, kept_fine: Collection[str] = ()
 ) -> tuple[tuple[Trajectory, ...], tuple[Finding, ...]]:
     """Average neighbours where a period has far more than `SAMPLING.decimated_samples_per_period` samples.
 
-    At least `SAMPLING.decimated_rate_hz` a second remain, and `SAMPLING.camera_rate_hz` in motions whose
-    source is among ``repeating``: some of their samples repeat the one before, which a mean hides. ``hold``
-    is how inputs act between samples: ``zoh`` or ``linear``. Returns the motions and a finding for each that
-    was averaged.
+    At least `SAMPLING.decimated_rate_hz` a second remain, and `SAMPLING.fine_rate_hz` in motions whose source
+    is among ``kept_fine``. ``hold`` is how inputs act between samples: ``zoh`` or ``linear``. Returns the
+    motions and a finding for each that was averaged.
     """
     period_s = compute_rms_period_s(motions, 1)
     averaged, findings = [], []
     for motion in motions:
         ratio = (period_s or 0.0) / (SAMPLING.decimated_samples_per_period * motion.dt_s)
-        kept_hz = SAMPLING.camera_rate_hz if motion.source in repeating else SAMPLING.decimated_rate_hz
+        kept_hz = SAMPLING.fine_rate_hz if motion.source in kept_fine else SAMPLING.decimated_rate_hz
         ratio = min(ratio, 1.0 / (kept_hz * motion.dt_s))
         n = max(int(ratio + 1e-9), 1)
         shorter = average_samples(motion, n, held=hold == "zoh") if n > 1 else motion
@@ -55,9 +57,10 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Average ``n`` samples at a time, each time within one clip.
 
     Samples left over at a clip's end are dropped. The mean of a curved motion is not its value at the mean
-    of the times: a 24th of the second difference of the means lies between them. Inputs that are ``held`` are
-    constant from one sample to the next: they are averaged from one middle to the next. A mean of counts is
-    as wrong as a count where the motion stays within one, and ``sqrt(n)`` times better where each sample
+    of the times: `MEAN_OF_BEND` of the second difference of the means lies between them. Inputs that are
+    ``held`` are constant from one sample to the next: they are averaged from one middle to the next. Others
+    are linear between the values that are given, which have the means that the samples have. A mean of counts
+    is as wrong as a count where the motion stays within one, and ``sqrt(n)`` times better where each sample
     counts on; so is the resolution that the result names.
 
     Source: values from cell averages, Shu 1998, doi:10.1007/BFb0096355; quantisation error of dithered
@@ -71,8 +74,9 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     if not indices:
         return motion
 
-    def reconstruct(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([_reconstruct_middles(values[index].mean(axis=1), n) for index in indices])
+    def reconstruct(values: np.ndarray, share: float) -> np.ndarray:
+        means = [values[index].mean(axis=1) for index in indices]
+        return np.concatenate([each - share * (1.0 - 1.0 / n**2) * _compute_bends(each) for each in means])
 
     def integrate(values: np.ndarray) -> np.ndarray:
         ends = [index[-1, -1] for index in indices]
@@ -87,20 +91,19 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     return replace(
         motion,
         time_s=np.concatenate([motion.time_s[index].mean(axis=1) for index in indices]),
-        q=reconstruct(motion.q),
-        v=None if motion.v is None else reconstruct(motion.v),
-        u=integrate(motion.u) if held else np.concatenate([motion.u[i].mean(axis=1) for i in indices]),
+        q=reconstruct(motion.q, MEAN_OF_BEND),
+        v=None if motion.v is None else reconstruct(motion.v, MEAN_OF_BEND),
+        u=integrate(motion.u) if held else reconstruct(motion.u, MEAN_OF_CORNER),
         segments=tuple(pairwise([0, *np.cumsum([len(index) for index in indices]).tolist()])),
         resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
     )
 
 
-def _reconstruct_middles(means: Float64[np.ndarray, "G d"], n: int) -> Float64[np.ndarray, "G d"]:
-    """Values at the middles of groups of ``n`` samples, from their means; of three or less, the means."""
+def _compute_bends(means: Float64[np.ndarray, "G d"]) -> Float64[np.ndarray, "G d"]:
+    """Second differences, continued to both ends; zero for fewer than four values."""
     if len(means) < 4:
-        return means
-    bends = np.pad(np.diff(means, 2, axis=0), ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
-    return means - (1.0 - 1.0 / n**2) / 24.0 * bends
+        return np.zeros_like(means)
+    return np.pad(np.diff(means, 2, axis=0), ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:
