@@ -59,6 +59,18 @@ def test_correlated_noise_is_told_from_white(rho: float) -> None:
     assert found.sigma[0] == pytest.approx(0.01, rel=0.35)
 
 
+@pytest.mark.parametrize("lasting", [3.0, 7.0])
+@pytest.mark.parametrize("samples_per_period", [150.0, 500.0])
+def test_noise_that_lasts_is_no_motion(lasting: float, samples_per_period: float) -> None:
+    motion = swing(noise=0.0, rate_hz=samples_per_period / PERIOD_S, seconds=25.0)
+    rho = np.exp(-1.0 / lasting)
+    white = np.random.default_rng(2).normal(size=motion.n + 100)
+    errors = 0.01 * lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], white)[100:]
+    found = measure_noise([replace(motion, q=motion.q + errors[:, None])], period_s=PERIOD_S)
+    assert found.correlation[0] == pytest.approx(rho, abs=0.1)
+    assert found.sigma[0] == pytest.approx(0.01, rel=0.25)
+
+
 def test_each_coordinate_has_its_own_noise_and_units() -> None:
     motion = swing(start=(1.0, 0.5), noise=0.0)
     errors = np.random.default_rng(0).normal(size=motion.q.shape) * [1e-3, 2e-2]
