@@ -40,7 +40,7 @@ VERBS = {
         example="lagsplat init rocker && cd rocker && snakemake -c2 -n",
     ),
     "inspect": Verb(
-        summary="Describe a recording, a video, a log or a LeRobot dataset, and how to read it.",
+        summary="Describe a film, a log, a table, a dataset or a model, and how to read it.",
         usage=("FILE|FOLDER [key=value ...]",),
         keys=(CONFIGURATION,),
         example="lagsplat inspect pendulum.mp4",

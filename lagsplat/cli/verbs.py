@@ -5,7 +5,7 @@ import shlex
 import sys
 import warnings
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,14 +34,14 @@ def init(given: Namespace) -> None:
 
 
 def inspect(given: Namespace) -> None:
-    """Print what a recording, a video, a log, a LeRobot dataset or an HDF5 file holds."""
+    """Print what a recording, a video, a table, a log, a LeRobot dataset, an HDF5 file or a model holds."""
     words = given.words
     if not words or "=" in words[0]:
         raise CommandError("name a file: lagsplat inspect FILE, or a folder of videos or images")
     path = Path(words[0]).expanduser()
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    survey = _survey_log(path)
+    survey = _survey_numbers(path, words[1:])
     if survey:
         print(survey)
         cameras = ("recording.mcap.camera=", "recording.lerobot.camera=")
@@ -71,11 +71,14 @@ def inspect(given: Namespace) -> None:
             print(propose_system(recording, path=path, settings=experiment.recording))
 
 
-def _survey_log(path: Path) -> str:
-    """Describe what may be read of a log; empty if the file or folder is none."""
+def _survey_numbers(path: Path, overrides: Sequence[str]) -> str:
+    """Describe a simulator, or what may be read of a log or a table; empty of another file or folder."""
     from lagsplat.io.lerobot.dataset import is_lerobot
+    from lagsplat.io.mujoco.model import URDF
     from lagsplat.io.robot_log.storage import is_log
+    from lagsplat.io.sources import find_sources
     from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES
+    from lagsplat.io.trajectory.tables import KINDS
 
     if is_lerobot(path):
         from lagsplat.io.lerobot.survey import survey_lerobot
@@ -92,6 +95,14 @@ def _survey_log(path: Path) -> str:
         from lagsplat.report.inspection.log import describe_log
 
         return describe_log(survey_log(path))
+    if path.is_file() and path.suffix.lower() in KINDS and find_sources(str(path))[0].kind == "trajectory":
+        from lagsplat.report.inspection.table import describe_table
+
+        return describe_table(path, compose(*overrides).diagnose.columns)
+    if path.suffix.lower() in (".xml", URDF):
+        from lagsplat.report.inspection.mechanism import describe_mechanism
+
+        return describe_mechanism(path)
     return ""
 
 

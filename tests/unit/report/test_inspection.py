@@ -9,8 +9,11 @@ from omegaconf import OmegaConf
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording
+from lagsplat.report.inspection.mechanism import describe_mechanism
 from lagsplat.report.inspection.recording import describe_recording
+from lagsplat.report.inspection.table import describe_table
 from tests.films import swing, write_film
+from tests.unit.io.mujoco.urdf_files import TWO, write_urdf
 
 DT_S = 0.02
 
@@ -82,3 +85,55 @@ def test_a_folder_of_films_is_told_clip_by_clip(tmp_path: Path, capsys: pytest.C
     assert "clip       a.mkv, 50 frames" in told
     assert "clip       b.mkv, 40 frames" in told
     assert "2 clip(s)" in told
+
+
+def test_a_table_is_told_column_by_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{0.1 * i},{i % 3},on,{'' if i % 2 else 4}\n" for i in range(20))
+    path.write_text(f"time,angle,state,load\n{rows}", encoding="utf-8")
+    assert main(["inspect", str(path)]) == 0
+    told = capsys.readouterr().out
+    for words in (
+        "log.csv, 20 rows",
+        "column     angle: 0 to 2",
+        "column     state: no numbers, not read",
+        "column     load: 4 throughout, 10 missing",
+        "read as    1 coordinate(s), 0 input(s), 1 clip(s)",
+        "duration   1.9 s, 10 samples/s",
+        "warning    log.csv: column(s) state, load are not used",
+        "guess      t: time, q0: angle, from the names alone",
+        f"real={path} 'diagnose.columns={{t: time, q0: angle}}'",
+    ):
+        assert words in told
+    assert describe_table(path, {}) in told
+    assert main(["inspect", str(path), "diagnose.columns={t: time, q0: angle, u0: state}"]) == 0
+    assert "unreadable log.csv, line 2: column 'u0' holds 'on'" in capsys.readouterr().out
+    path.write_text("a,b\n1,2\n", encoding="utf-8")
+    assert main(["inspect", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "unreadable log.csv: no column t and no q0" in told
+    assert "guess      none" in told
+
+
+def test_a_mechanism_is_told_joint_by_joint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("mujoco")
+    path = write_urdf(tmp_path / "arm.urdf", TWO, reductions=(1.0, 2.0))
+    assert main(["inspect", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert describe_mechanism(path) in told
+    for words in (
+        "joint      q1: j1, a hinge, -3 to 3 rad, damping 0.05 N m s/rad",
+        "actuator   u0: m0",
+        "mechanicalReduction",
+        "LOG has columns t, q0, q1, u0, u1",
+    ):
+        assert words in told
+    cart = tmp_path / "cart.xml"
+    cart.write_text(
+        '<mujoco><worldbody><body><joint name="x" type="slide" damping="0.3" frictionloss="0.2"/>'
+        '<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+    )
+    assert main(["inspect", str(cart)]) == 0
+    told = capsys.readouterr().out
+    assert "joint      q0: x, a slide, damping 0.3 N s/m, dry friction 0.2 N" in told
+    assert "actuator   none" in told
