@@ -1,7 +1,7 @@
 """Choices from measured recordings: which alternatives there were, and which of them are right."""
 
-import gzip
 import json
+import lzma
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -57,10 +57,10 @@ def list_true_names(truth: Iterable[Mapping[str, Any]]) -> frozenset[str]:
 
 
 def read_rows(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Rows of all files, plain or compressed (``.gz``), in the order of their names; errors are left out."""
+    """Rows of all files, plain or compressed (``.xz``), in the order of their names; errors are left out."""
     rows = []
     for path in paths:
-        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open(encoding="utf-8") as lines:
+        with lzma.open(path, "rt") if path.suffix == ".xz" else path.open(encoding="utf-8") as lines:
             rows += [json.loads(line) for line in lines]
     return sorted((row for row in rows if "full" in row), key=lambda row: str(row["id"]))
 
@@ -76,7 +76,7 @@ def write_rows(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
         return [shorten(part) for part in value] if isinstance(value, list | tuple) else value
 
     text = "".join(json.dumps(shorten(row), separators=(",", ":")) + "\n" for row in rows)
-    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+    path.write_bytes(lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
 
 
 def pack_alternatives(alternatives: Alternatives) -> dict[str, Any]:

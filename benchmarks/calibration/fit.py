@@ -2,7 +2,7 @@
 
 Run as ``python -m benchmarks.calibration.fit MEASURES ... --out FOLDER``. Writes three files:
 
-- ``measures.jsonl.gz``: all that was measured, from which the same command makes the same model again;
+- ``measures.jsonl.xz``: all that was measured, from which the same command makes the same model again;
 - ``model.json``: the weights;
 - ``validation.csv``: for each way to leave data out, shares with Wilson's 95 % intervals, and the calibration
   error.
@@ -112,7 +112,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of the model and its validation")
     args = parser.parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
-    stored = args.out / "measures.jsonl.gz"
+    stored = args.out / "measures.jsonl.xz"
     write_rows(stored, read_rows(args.measures))
     labelled = label_rows(read_rows([stored]))
     with (args.out / "validation.csv").open("w", newline="", encoding="utf-8") as stream:

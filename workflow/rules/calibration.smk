@@ -64,7 +64,7 @@ rule calibration:
     output:
         model=f"{CALIBRATION}/model.json",
         validation=f"{CALIBRATION}/validation.csv",
-        measures=f"{CALIBRATION}/measures.jsonl.gz",
+        measures=f"{CALIBRATION}/measures.jsonl.xz",
     log:
         f"{CALIBRATION}/logs/calibration.log",
     benchmark:

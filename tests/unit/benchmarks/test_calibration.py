@@ -25,7 +25,7 @@ from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_mode
 from lagsplat.diagnose.verdict.features import NAMES, compute_features
 from tests.unit.diagnose.verdict.made_alternatives import NONE, alternatives, effect
 
-PUBLISHED = Path(__file__).parents[3] / "results" / "published" / "calibration" / "measures.jsonl.gz"
+PUBLISHED = Path(__file__).parents[3] / "results" / "published" / "calibration" / "measures.jsonl.xz"
 
 
 def truth(name: str, *others: str) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
 
 
 def test_stored_rows_are_those_measured_and_always_the_same_bytes(tmp_path: Path) -> None:
-    rows, files = [row(MADE, truth("creep"), noise=1.23456789e-3)], [tmp_path / f"{i}.gz" for i in range(2)]
+    rows, files = [row(MADE, truth("creep"), noise=1.23456789e-3)], [tmp_path / f"{i}.xz" for i in range(2)]
     for file in files:
         write_rows(file, rows)
     (kept,) = read_rows(files[:1])
