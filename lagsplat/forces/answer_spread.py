@@ -59,16 +59,19 @@ def measure_answer_spread(
     best = _displace(reference.points, poked, rest)[0]
     stronger = ScaledLoad(reference, 1.0 + NUDGE)
     nudged = _displace(reference.points, _settle(held, stronger, poked), rest)[0]
-    slope = float(((nudged - best) @ best) / (best @ best)) / NUDGE
+
+    def find_excess(displacement: Float[Tensor, " n"]) -> float:
+        """How much further than the most likely law's the pushed point went, along its way [share]."""
+        return float(((displacement - best) @ best) / (best @ best))
+
+    slope = find_excess(nudged) / NUDGE
     ways = _displace(points, loaded, rest)
 
     def measure(bodies: tuple[BodyMotion, ...]) -> Float[Tensor, "B n"]:
         # equilibria of a law so near start from those of the most likely one, whose branch they are on
         own, poke = _settle(held, None, rest), reference.moved_by(bodies)
         moved = _displace(poke.points, _settle(held, poke, poked), own)[0]
-        scaled = ScaledLoad(
-            load.moved_by(bodies), 1.0 - float(((moved - best) @ best) / (best @ best)) / slope
-        )
+        scaled = ScaledLoad(load.moved_by(bodies), 1.0 - find_excess(moved) / slope)
         return _displace(points.moved_by(bodies), _settle(held, scaled, loaded), own) - ways
 
     over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))

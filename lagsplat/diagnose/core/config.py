@@ -191,15 +191,10 @@ class NOISE_ESTIMATION:
     guard_agreement: float = 1.25  # noise in them over the noise beyond [1]; above, there is motion
     fast_degree: int = 7  # degree in the shortest windows [1]: at 10 samples a period 3e-4 of the swing
     min_window: int = 9  # samples of the shortest window [count]
-    min_windows: int = 4  # windows of a recording, at least [count]
+    min_windows: int = 4  # windows in which lasting noise is sought, at least [count]
     max_windows: int = 600  # windows looked at, evenly over the motions [count]
-    max_uneven_windows: int = 20  # of them, where each has times of its own [count]
     student_t_freedom: float = 4.0  # of Student's t [1]; heavy tails, as kinks fall into some windows
-    correlation_range: tuple[float, float, int] = (
-        0.1,
-        0.98,
-        24,
-    )  # of neighbouring errors [first, last, count]
+    correlation_range: tuple[float, float, int] = (0.1, 0.98, 24)  # of neighbours [first, last, count]
     max_alternation: float = 0.6  # size of a negative one [1]
     correlated_log_ratio: float = 6.0  # log-likelihood by which correlated noise must beat white noise [nat]
 

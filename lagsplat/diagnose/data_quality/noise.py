@@ -110,8 +110,10 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
     sigma, correlation = np.full(motions[0].d, np.nan), np.zeros(motions[0].d)
     for width, degree in _list_window_shapes(0.0 if period_s is None else period_s / dt_s):
         unknown = np.flatnonzero(np.isnan(sigma))
+        if not len(unknown):
+            break
         windows = _cut_windows(motions, width, dt_s)
-        if not len(unknown) or windows is None:
+        if windows is None or len(windows.values) < NOISE_ESTIMATION.min_windows:
             continue
         models = _list_noise_models(windows.offset, degree)
         for i in unknown:
@@ -177,10 +179,10 @@ class _Windows:
 
 
 def _cut_windows(motions: Sequence[Trajectory], width: int, dt_s: float) -> _Windows | None:
-    """At most `NOISE_ESTIMATION.max_windows`, evenly over the motions; None for fewer than `min_windows`.
+    """At most `NOISE_ESTIMATION.max_windows`, evenly over the motions; None where no clip is as long as one.
 
-    Where half of them or more are evenly sampled, those alone. Otherwise each has times of its own, which
-    takes as much time as `NOISE_ESTIMATION.uneven_speed` even ones.
+    Where half of them or more are evenly sampled, those alone. Otherwise each has times, and so a matrix, of
+    its own, and of windows longer than the shortest the fewer are taken, by the squares of their lengths.
     """
     windows = [
         (motion, slice(first, first + width))
@@ -188,7 +190,7 @@ def _cut_windows(motions: Sequence[Trajectory], width: int, dt_s: float) -> _Win
         for start, stop in motion.segments
         for first in range(start, stop - width + 1, width)
     ]
-    if len(windows) < NOISE_ESTIMATION.min_windows:
+    if not windows:
         return None
     chosen = _spread(len(windows), NOISE_ESTIMATION.max_windows)
     time = np.stack([windows[k][0].time_s[windows[k][1]] for k in chosen]) / dt_s
@@ -198,7 +200,8 @@ def _cut_windows(motions: Sequence[Trajectory], width: int, dt_s: float) -> _Win
     even = np.abs(offset - regular).max(axis=1) < 0.1
     if even.mean() >= 0.5:
         return _Windows(regular[None], values[even])
-    few = _spread(len(offset), NOISE_ESTIMATION.max_uneven_windows)
+    fewer = NOISE_ESTIMATION.max_windows * (NOISE_ESTIMATION.min_window / width) ** 2
+    few = _spread(len(offset), max(int(fewer), NOISE_ESTIMATION.min_windows))
     return _Windows(offset[few], values[few])
 
 

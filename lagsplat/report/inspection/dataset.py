@@ -8,7 +8,7 @@ from lagsplat.io.lerobot.survey import CameraSummary, LerobotSurvey
 from lagsplat.io.lerobot.units import ACTION, STATE, describe_unit
 from lagsplat.io.trajectory.hdf5 import Hdf5Survey
 from lagsplat.io.video.proposal import fit_frame
-from lagsplat.report.inspection.words import quote
+from lagsplat.report.inspection.words import quote, write_columns
 
 MAX_LISTED = 12
 
@@ -104,10 +104,7 @@ def describe_hdf5(survey: Hdf5Survey) -> str:
     more = len(survey.groups[MAX_LISTED:]) + len(survey.datasets[MAX_LISTED:])
     lines += [f"           and {more} more"] if more else []
     lines += [f"not read   {each}" for each in survey.refused[:MAX_LISTED]]
-    columns = (
-        f"diagnose.columns={{{', '.join(f'{key}: {quote(name)}' for key, name in survey.proposal.items())}}}"
-    )
-    mapping = f" {shlex.quote(columns)}" if survey.proposal else ""
+    mapping = f" {shlex.quote(write_columns(survey.proposal))}" if survey.proposal else ""
     return "\n".join(
         [
             *lines,

@@ -5,7 +5,7 @@ import shlex
 
 from lagsplat.io.robot_log.survey import LogSurvey, TopicSummary
 from lagsplat.io.robot_log.trajectory import is_joint_state
-from lagsplat.report.inspection.words import make_name, quote
+from lagsplat.report.inspection.words import make_name, quote, write_columns
 
 MAX_INPUTS = 8
 UNITS = {
@@ -126,10 +126,9 @@ def _list_columns(survey: LogSurvey) -> list[str]:
     columns = suggest_columns(survey)
     if not columns:
         return []
-    pairs = ", ".join(f"{name}: {quote(column)}" for name, column in columns.items())
     return [
         f"as motion  lagsplat diagnose sim=SIM {shlex.quote(f'real={survey.path}')} \\",
-        f"           {shlex.quote(f'diagnose.columns={{{pairs}}}')}",
+        f"           {shlex.quote(write_columns(columns))}",
         "           in the order of the sim's coordinates and inputs; leave out what it has not",
     ]
 

@@ -10,7 +10,7 @@ import numpy as np
 from lagsplat.io.trajectory.columns import Table, name_columns, propose_names
 from lagsplat.io.trajectory.tables import read_table
 from lagsplat.io.trajectory.trajectory import Trajectory, make_trajectory
-from lagsplat.report.inspection.words import quote
+from lagsplat.report.inspection.words import pair_columns, write_columns
 
 MAX_LISTED = 24
 
@@ -38,16 +38,16 @@ def describe_table(path: Path, columns: Mapping[str, str]) -> str:
         except ValueError as error:
             lines.append(f"unreadable {error}")
     lines += [f"warning    {warning.message}" for warning in caught]
-    pairs = ", ".join(f"{key}: {quote(name)}" for key, name in mapping.items())
-    if guessed:
-        lines.append(f"guess      {pairs or 'none'}, from the names alone; correct what is not so")
     words = [
         "lagsplat",
         "diagnose",
         "sim=SIM",
         f"real={path}",
-        *([f"diagnose.columns={{{pairs}}}"] if pairs else []),
+        *([write_columns(mapping)] if mapping else []),
     ]
+    if guessed:
+        guess = pair_columns(mapping) or "none"
+        lines.append(f"guess      {guess}, from the names alone; correct what is not so")
     return "\n".join([*lines, f"to use it  {shlex.join(words)}"])
 
 

@@ -88,6 +88,20 @@ def test_quantisation_is_found_and_counts_as_noise() -> None:
     assert find_quantisation_step(np.ones(50)) == 0.0
 
 
+def test_a_clip_as_long_as_the_shortest_window_has_noise() -> None:
+    assert measure_noise([swing(noise=0.01, rate_hz=60.0, seconds=0.3)], period_s=PERIOD_S).sigma > 0.0
+
+
+def test_an_uneven_clock_costs_no_precision() -> None:
+    motion = swing(noise=0.01, rate_hz=100.0, seconds=40.0)
+    rng = np.random.default_rng(4)
+    uneven = motion.time_s + rng.uniform(-0.3, 0.3, motion.n) / 100.0
+    clean = np.interp(uneven, motion.time_s, swing(noise=0.0, rate_hz=100.0, seconds=40.0).q[:, 0])
+    noisy = clean + 0.01 * rng.normal(size=motion.n)
+    found = measure_noise([replace(motion, time_s=uneven, q=noisy[:, None], v=None)], period_s=PERIOD_S)
+    assert found.sigma == pytest.approx(0.01, rel=0.1)
+
+
 def test_clips_too_short_have_no_noise_to_show() -> None:
     assert np.isnan(measure_noise([swing(seconds=0.1)], period_s=None).sigma).all()
 
