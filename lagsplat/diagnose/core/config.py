@@ -187,6 +187,9 @@ class NOISE_ESTIMATION:
     window_widths: tuple[int, ...] = (24, 48, 96)  # samples of a window [count]
     window_degrees: tuple[int, ...] = (5, 9, 13, 17, 21, 29)  # degrees of the polynomials in a window [1]
     degrees_per_period: float = 20.0  # degree that a period of motion takes, at least [1]: five for a quarter
+    residual_share: float = (
+        0.5  # of that degree that a fit's residual takes [1]: some noises large, no hundreds
+    )
     guard_degrees: int = 3  # next degrees, in which motion shows first [count]
     guard_agreement: float = 1.25  # noise in them over the noise beyond [1]; above, there is motion
     fast_degree: int = 7  # degree in the shortest windows [1]: at 10 samples a period 3e-4 of the swing
@@ -341,6 +344,7 @@ class ESTIMATION:
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
+    missing_steps: float = 1.5  # step in which a sample is missing, over the median step [1]
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
     max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]
 

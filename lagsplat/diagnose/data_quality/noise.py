@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -127,6 +128,35 @@ def measure_noise(motions: Sequence[Trajectory], *, period_s: float | None) -> M
         for i in np.flatnonzero(np.isnan(sigma)):
             sigma[i] = np.sqrt(_fit_gaussian_variance((contrasts[i] ** 2).sum(axis=1), basis.shape[-1]))
     return MeasurementNoise(np.maximum(sigma, step / np.sqrt(12.0)), correlation, step)
+
+
+def measure_residual_noise(
+    times_s: Sequence[Float64[np.ndarray, " L"]],
+    residuals: Sequence[Float64[np.ndarray, "L d"]],
+    *,
+    period_s: float,
+) -> Float64[np.ndarray, " d"]:
+    """Standard deviation of the noise in what a simulator leaves of its windows; 0 where it is not known.
+
+    A simulator that lacks something still takes most of the motion away. What is left takes polynomials of a
+    lower degree, `NOISE_ESTIMATION.residual_share` of a motion's, and leaves noise that lasts longer.
+    """
+    ends = np.cumsum([len(residual) for residual in residuals])
+    joined = Trajectory(
+        time_s=np.concatenate(
+            [time_s - time_s[0] + at for time_s, at in zip(times_s, _begin_apart(times_s), strict=True)]
+        ),
+        q=np.concatenate(residuals),
+        u=np.zeros((int(ends[-1]), 0)),
+        segments=tuple(pairwise([0, *ends.tolist()])),
+    )
+    return measure_noise([joined], period_s=period_s / NOISE_ESTIMATION.residual_share).known_sigma
+
+
+def _begin_apart(times_s: Sequence[Float64[np.ndarray, " L"]]) -> Float64[np.ndarray, " W"]:
+    """Instants [s] at which windows may begin so that none overlaps the next."""
+    spans = np.array([time_s[-1] - time_s[0] for time_s in times_s])
+    return np.append(0.0, np.cumsum(spans + spans.max())[:-1])
 
 
 def measure_resolution(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " d"]:

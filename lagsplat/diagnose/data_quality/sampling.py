@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.ndimage import find_objects, label
+from scipy.ndimage import find_objects, label, maximum_filter, minimum_filter
 
 from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
@@ -18,9 +18,9 @@ from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_resolution
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-MEAN_OF_BEND, MEAN_OF_CORNER = 1.0 / 24.0, 1.0 / 8.0
-"""Mean of a parabola, and of straight lines through its samples, over a step about a sample: what it exceeds
-the sample by, over the second difference."""
+MEAN_OF_BEND, MEAN_OF_CORNER = 1.0 / 2.0, 3.0 / 2.0
+"""Mean of a parabola, and of straight lines through its samples, over the span of a mean: what it exceeds the
+value in the middle by, over the second derivative times the variance of the times."""
 REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
 
 
@@ -57,11 +57,12 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Average ``n`` samples at a time, each time within one clip.
 
     Samples left over at a clip's end are dropped. The mean of a curved motion is not its value at the mean
-    of the times: `MEAN_OF_BEND` of the second difference of the means lies between them. Inputs that are
+    of the times: `MEAN_OF_BEND` of its second derivative times their variance lies between. Inputs that are
     ``held`` are constant from one sample to the next: they are averaged from one middle to the next. Others
-    are linear between the values that are given, which have the means that the samples have. A mean of counts
-    is as wrong as a count where the motion stays within one, and ``sqrt(n)`` times better where each sample
-    counts on; so is the resolution that the result names.
+    are linear between the values that are given, which have the means that the samples have. At a jump,
+    where second differences change their sign, they stay within the samples. A mean of counts
+    is as wrong as a count where the motion stays within one, and better by the square root of the counts that
+    it moves through, at most ``n``; so is the resolution that the result names.
 
     Source: values from cell averages, Shu 1998, doi:10.1007/BFb0096355; quantisation error of dithered
     signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
@@ -74,9 +75,25 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     if not indices:
         return motion
 
-    def reconstruct(values: np.ndarray, share: float) -> np.ndarray:
-        means = [values[index].mean(axis=1) for index in indices]
-        return np.concatenate([each - share * (1.0 - 1.0 / n**2) * _compute_bends(each) for each in means])
+    def reconstruct(values: np.ndarray) -> np.ndarray:
+        return np.concatenate(
+            [
+                values[index].mean(axis=1)
+                - MEAN_OF_BEND * _compute_bends(motion.time_s[index], values[index])
+                for index in indices
+            ]
+        )
+
+    def reconstruct_lines(values: np.ndarray) -> np.ndarray:
+        corners = []
+        for index in indices:
+            samples = values[index]
+            beyond = -MEAN_OF_CORNER * _compute_bends(motion.time_s[index], samples)
+            neighbours = [extreme(beyond, size=(3, 1)) for extreme in (minimum_filter, maximum_filter)]
+            curved = np.maximum(neighbours[0], 0.0) - np.minimum(neighbours[1], 0.0)
+            low, high = samples.min(axis=1) - curved, samples.max(axis=1) + curved
+            corners.append(np.clip(samples.mean(axis=1) + beyond, low, high))
+        return np.concatenate(corners)
 
     def integrate(values: np.ndarray) -> np.ndarray:
         ends = [index[-1, -1] for index in indices]
@@ -87,23 +104,33 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
         return np.concatenate(middles)
 
     resolution = measure_resolution([motion])
-    counted = np.median(np.abs(np.diff(motion.q, axis=0)), axis=0) >= resolution
+    moved = n * np.mean(np.abs(np.diff(motion.q, axis=0)), axis=0)
+    counts = np.clip(moved / np.where(resolution > 0.0, resolution, 1.0), 1.0, n)
     return replace(
         motion,
         time_s=np.concatenate([motion.time_s[index].mean(axis=1) for index in indices]),
-        q=reconstruct(motion.q, MEAN_OF_BEND),
-        v=None if motion.v is None else reconstruct(motion.v, MEAN_OF_BEND),
-        u=integrate(motion.u) if held else reconstruct(motion.u, MEAN_OF_CORNER),
+        q=reconstruct(motion.q),
+        v=None if motion.v is None else reconstruct(motion.v),
+        u=integrate(motion.u) if held else reconstruct_lines(motion.u),
         segments=tuple(pairwise([0, *np.cumsum([len(index) for index in indices]).tolist()])),
-        resolution=tuple(np.where(counted, resolution / np.sqrt(n), resolution).tolist()),
+        resolution=tuple((resolution / np.sqrt(counts)).tolist()),
     )
 
 
-def _compute_bends(means: Float64[np.ndarray, "G d"]) -> Float64[np.ndarray, "G d"]:
-    """Second differences, continued to both ends; zero for fewer than four values."""
+def _compute_bends(
+    time_s: Float64[np.ndarray, "G n"], values: Float64[np.ndarray, "G n d"]
+) -> Float64[np.ndarray, "G d"]:
+    """Second derivative of the means of ``values`` times the variance of the times of each.
+
+    It is continued to both ends, and zero for fewer than four means.
+    """
+    at_s, means = time_s.mean(axis=1), values.mean(axis=1)
     if len(means) < 4:
         return np.zeros_like(means)
-    return np.pad(np.diff(means, 2, axis=0), ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    slopes = np.diff(means, axis=0) / np.diff(at_s)[:, None]
+    second = 2.0 * np.diff(slopes, axis=0) / (at_s[2:] - at_s[:-2])[:, None]
+    second = np.pad(second, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    return second * time_s.var(axis=1)[:, None]
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:

@@ -12,7 +12,7 @@ amplitude zero the effect is absent.
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -69,7 +69,8 @@ class Effect(EffectDescription):
     confusable_with: tuple[str, ...] = ()
     """Effects that some recordings cannot separate from this one; one of two may name the other alone."""
     flexible: bool = False
-    """Has times, frequencies or states of its own, so that two such effects fit almost anything."""
+    """Has times, frequencies, wave numbers or states of its own, so that two such effects fit almost
+    anything."""
     recurrence: Callable[[Mapping[str, float], Any, "PlacedEffect"], float] | None = None
     """Of an external effect, given the dataset: how far the state does not tell the force, from 0 to 1."""
     recorded_by: Literal["film", "log"] | None = None  # kind of recording that may show it; None for both
@@ -97,11 +98,34 @@ class Effect(EffectDescription):
     """The parameters of a diagnosis, where they are not those fitted; ``times`` by the dataset's clock."""
     report_units: Mapping[str, str] = field(default_factory=dict)
     """Units of reported parameters that are not parameters of the fit."""
+    free_clips: tuple[int, ...] = ()
+    """Clips whose memories begin off where they would, by what the last parameters say."""
 
     @property
     def amplitudes(self) -> int:
         """Number of leading parameters that are amplitudes: those without a grid of values."""
         return next((n for n, p in enumerate(self.parameters) if p.grid), len(self.parameters))
+
+    @property
+    def memory_kinds(self) -> tuple[str, ...]:
+        """What each memory that may begin anywhere is counted in."""
+        return ()
+
+    @property
+    def n_law(self) -> int:
+        """Number of parameters that the law takes; those after them say where its memory begins."""
+        return len(self.parameters) - len(self.memory_kinds) * len(self.free_clips)
+
+    def with_free_memory(self, clips: Sequence[int]) -> Self:
+        """The same effect with a memory that may begin anywhere in ``clips``."""
+        beginnings = (
+            EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
+            for c in clips
+            for i, kind in enumerate(self.memory_kinds)
+        )
+        return replace(
+            self, parameters=(*self.parameters[: self.n_law], *beginnings), free_clips=tuple(clips)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +137,6 @@ class ForceEffect(Effect):
     memory_start: tuple[Literal["zero", "s", "v"], ...] = ()
     """What each memory holds where a clip begins. What starts as ``s`` or ``v`` may begin elsewhere where a
     clip begins in mid-motion."""
-    free_clips: tuple[int, ...] = ()
-    """Clips whose memory begins off ``memory_start`` by what the last parameters say."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
     crosswise: bool = False
@@ -128,20 +150,10 @@ class ForceEffect(Effect):
         return len(self.memory_start)
 
     @property
-    def n_law(self) -> int:
-        """Number of parameters that the law takes; those after them say where its memory begins."""
-        return len(self.parameters) - self.n_memory * len(self.free_clips)
-
-    def with_free_memory(self, clips: Sequence[int]) -> "ForceEffect":
-        """The same effect with a memory that may begin anywhere in ``clips``."""
+    def memory_kinds(self) -> tuple[str, ...]:
+        """What each memory is counted in that begins at the motion's ``s`` or ``v``."""
         kinds = {"s": "coordinate", "v": "velocity"}
-        beginnings = (
-            EffectParameter(f"memory {i} of clip {c}", kinds[start], Normal(1.0), (0.0,))
-            for c in clips
-            for i, start in enumerate(self.memory_start)
-        )
-        parameters = (*self.parameters[: self.n_law], *beginnings)
-        return replace(self, parameters=parameters, free_clips=tuple(clips))
+        return tuple(kinds[start] for start in self.memory_start if start in kinds)
 
 
 @dataclass(frozen=True)
@@ -165,13 +177,31 @@ class ModelEffect(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class InputEffect(Effect):
-    """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input."""
+    """A change of an input on its way: ``change(signal, theta (P, k)) -> (P, M)`` samples of the input.
 
-    change: Callable[[Any, np.ndarray], np.ndarray]
+    One that remembers what came before (``memory``) also takes how far from its command it begins each clip,
+    (P, C) in the input's unit: ``change(signal, theta, start)``.
+    """
+
+    change: Callable[..., np.ndarray]
+    memory: bool = False
     excitation: Callable[[InputMeasures, ExcitationMeasures], Grade]
     time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
+
+    @property
+    def memory_kinds(self) -> tuple[str, ...]:
+        """The unit of the input, where it has a memory."""
+        return ("input",) if self.memory else ()
+
+    def change_input(self, signal: Any, theta: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P M"]:
+        """The input with its changes, for ``P`` sets of parameters and beginnings of its memory."""
+        if not self.memory:
+            return self.change(signal, theta)
+        start = np.zeros((len(theta), len(signal.logged)))
+        start[:, list(self.free_clips)] = theta[:, self.n_law :]
+        return self.change(signal, theta[:, : self.n_law], start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,9 +341,7 @@ def drop_recorded_beginnings(
     index: list[int] = []
     at = 0
     for placed in (part for effect in effects for part in effect.parts or (effect,)):
-        effect = placed.effect
-        if isinstance(effect, ForceEffect):
-            effect = effect.with_free_memory(())
+        effect = placed.effect.with_free_memory(())
         index += range(at, at + len(effect.parameters))
         kept.append(replace(placed, effect=effect))
         at += placed.size
@@ -350,6 +378,8 @@ class PlaceFinder:
 
     def find(self, effect: Effect) -> list[PlacedEffect]:
         """Every place that the effect itself names, or else its ``along`` and ``between_variants``."""
+        if effect.memory_kinds:
+            effect = effect.with_free_memory(self.longest_clips)
         if effect.place is not None:
             return effect.place(effect, self)
         placed: list[PlacedEffect] = []
@@ -378,8 +408,6 @@ class PlaceFinder:
     def _find_along(
         self, effect: Effect, variant: str, directions: Sequence[Direction]
     ) -> list[PlacedEffect]:
-        if isinstance(effect, ForceEffect) and {*effect.memory_start} & {"s", "v"}:
-            effect = effect.with_free_memory(self.longest_clips)
         return [PlacedEffect(effect, self.measure(along, variant), variant, along) for along in directions]
 
 

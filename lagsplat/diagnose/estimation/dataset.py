@@ -8,7 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
-from lagsplat.diagnose.data_quality.noise import LocalFit, fit_over_time, measure_noise
+from lagsplat.diagnose.data_quality.noise import (
+    LocalFit,
+    fit_over_time,
+    measure_noise,
+    measure_residual_noise,
+)
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
@@ -113,6 +118,25 @@ class WindowSet:
         return self if most >= n else self.select(np.linspace(0, n - 1, most).astype(int))
 
 
+def measure_window_noise(
+    dataset: Dataset, windows: WindowSet, residual: Float64[np.ndarray, "W L d"], *, period_s: float
+) -> Float64[np.ndarray, " d"]:
+    """Noise in what a model leaves of windows, 0 where it is not known.
+
+    Windows that it misses by more than they move are left out: there the residual is motion.
+    """
+    size = np.std(dataset.q, axis=0)
+    parts = [
+        (dataset.time[first : first + length], left[:length])
+        for first, length, left in zip(windows.first, windows.length, residual, strict=True)
+        if (np.mean(left[:length] ** 2, axis=0) < size**2).all()
+    ]
+    if not parts:
+        return np.zeros(dataset.d)
+    times_s, residuals = zip(*parts, strict=True)
+    return measure_residual_noise(times_s, residuals, period_s=period_s)
+
+
 def locate_windows(windows: WindowSet, dataset: Dataset) -> tuple[FileSpan, ...]:
     """Where the windows lie in the files of their dataset."""
     spans = []
@@ -213,8 +237,34 @@ class InputSignal:
                 index = np.searchsorted(logged_s, time[inside] + 1e-9, side="right") - 1
                 out[inside] = values[np.clip(index, 0, len(values) - 1)]
             else:
-                out[inside] = np.interp(time[inside], logged_s, values)
+                out[inside] = interpolate_input(time[inside], logged_s, values)
         return out
+
+
+def interpolate_input(
+    time_s: Float64[np.ndarray, " M"], logged_s: Float64[np.ndarray, " N"], values: Float64[np.ndarray, " N"]
+) -> Float64[np.ndarray, " M"]:
+    """An input at instants ``time_s``: linear between samples, and a parabola where samples are missing.
+
+    A straight line across a missing sample cuts off the bend there, which pushes the mechanism. The bend is
+    the mean of those before and after, at most twice the smaller one, and none where these differ in sign, as
+    at a step.
+
+    Source: the monotonised central limiter, van Leer 1977, doi:10.1016/0021-9991(77)90095-X.
+    """
+    out = np.interp(time_s, logged_s, values)
+    steps = np.diff(logged_s)
+    wide = np.append(steps > ESTIMATION.missing_steps * np.median(steps), False)
+    at = np.searchsorted(logged_s, time_s, side="right") - 1
+    missing = np.flatnonzero(wide[at])
+    if len(missing):
+        bends = 2.0 * np.diff(np.diff(values) / steps) / (steps[1:] + steps[:-1])
+        before, after = np.append(0.0, bends), np.append(bends, 0.0)
+        size = np.minimum(0.5 * abs(before + after), 2.0 * np.minimum(abs(before), abs(after)))
+        bend = np.where(before * after > 0.0, np.sign(before) * size, 0.0)
+        i, t = at[missing], time_s[missing]
+        out[missing] += 0.5 * bend[i] * (t - logged_s[i]) * (t - logged_s[i + 1])
+    return out
 
 
 def compute_stage_times(dataset: Dataset, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -142,7 +142,8 @@ class RolloutModel:
             values = distinct[:, at : at + part.shape[1]]
             at += part.shape[1]
             for channel in effect.list_channels(u.shape[-1]):
-                changed = effect.effect.change(self.inputs[channel], values)  # type: ignore[attr-defined]
+                assert isinstance(effect.effect, InputEffect)
+                changed = effect.effect.change_input(self.inputs[channel], values)
                 u[..., channel] = changed.reshape(len(distinct), *self.stages)
         return u, u_of.reshape(-1).astype(np.int64)
 

@@ -70,7 +70,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         return EstimatedSimulator(
             model,
             identified.uncertainty_directions,
-            identified.misfit,
+            identified.misfit * _compare_noise(ready, identified, period_s),
             correlation=identified.criterion.correlation,
             window_scale=scale,
             outlier_spans=(*without, *dataset.locate_windows(outliers, ready.dataset)),
@@ -87,6 +87,16 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         if candidate.misfit < NOVELTY.poor_misfit:
             return candidate
     return min(usual, middle, key=lambda candidate: candidate.misfit)
+
+
+def _compare_noise(ready: dataset.PreparedDataset, identified: IdentifiedModel, period_s: float) -> float:
+    """Misfit by the noise that the identified model leaves, where it is larger, over the misfit so far."""
+    residual = identified.fit.residual
+    found = dataset.measure_window_noise(
+        ready.dataset, identified.windows, residual * ready.sigma, period_s=period_s
+    )
+    smaller = residual * ready.sigma / np.maximum(ready.sigma, found)
+    return float(np.sum(smaller**2)) / max(float(np.sum(residual**2)), np.finfo(float).tiny)
 
 
 def move_rest_to_minimum(model: MechanicalModel, q: Float64[np.ndarray, "N d"]) -> MechanicalModel:

@@ -19,7 +19,13 @@ from lagsplat.diagnose.data_quality.natural_period import (
 )
 from lagsplat.diagnose.effects.base import PlacedEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
-from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet, cut_windows, prepare_dataset
+from lagsplat.diagnose.estimation.dataset import (
+    Dataset,
+    WindowSet,
+    cut_windows,
+    measure_window_noise,
+    prepare_dataset,
+)
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -205,7 +211,19 @@ def build_problem(
         if shorter.windows.longest >= problem.windows.longest:
             break
         problem = shorter
-    return problem
+    return _measure_noise_of_residual(problem, real)
+
+
+def _measure_noise_of_residual(problem: EstimationProblem, real: Sequence[Trajectory]) -> EstimationProblem:
+    """The problem with the noise that the sim, refitted, leaves, where it is larger than that of the motion.
+
+    Beside the motion itself, noise that lasts is hardly seen.
+    """
+    brief = replace(problem, iterations=min(SELECTION.trial_iterations, problem.iterations))
+    residual = brief.fit((), np.zeros(problem.rollout_model.nuisance.size)).residual * problem.deviation
+    _, shortest_s = estimate_natural_periods(problem.rollout_model.model, real)
+    found = measure_window_noise(problem.dataset, problem.windows, residual, period_s=shortest_s)
+    return replace(problem, sigma=np.maximum(problem.sigma, found))
 
 
 def _follows_motion(problem: EstimationProblem) -> bool:

@@ -48,6 +48,7 @@ EFFECT = ForceEffect(
     },
     report_units={"pitch": "{q}"},
     confusable_with=("cubic_stiffness", "joint_backlash"),
+    flexible=True,
     mujoco="a joint has no force that is periodic in its position.",
     title="cogging of a motor",
     what="Magnets or teeth pull the mechanism into places at even distances, also without current.",

@@ -13,12 +13,12 @@ from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
 @njit(cache=True)
-def _follow(time, values, begins, constant, out):
+def _follow(time, values, begins, clip, constant, start, out):
     """Write the exact response to a command that is linear between samples."""
     for p in range(constant.shape[0]):
         for n in range(values.shape[0]):
             if begins[n]:
-                out[p, n] = values[n]
+                out[p, n] = values[n] + start[p, clip[n]]
                 continue
             h = time[n] - time[n - 1]
             if h <= 0.0:
@@ -30,10 +30,12 @@ def _follow(time, values, begins, constant, out):
             out[p, n] = fade * out[p, n - 1] + (mean - fade) * values[n - 1] + (1.0 - mean) * values[n]
 
 
-def change(signal: Any, theta: Float64[np.ndarray, "P 1"]) -> Float64[np.ndarray, "P M"]:
-    """Filter the command by a first-order lag that has settled where a clip begins."""
-    out = np.empty((len(theta), len(signal.values)))
-    _follow(signal.time, signal.values, signal.begins, np.ascontiguousarray(theta[:, 0]), out)
+def change(
+    signal: Any, theta: Float64[np.ndarray, "P 1"], start: Float64[np.ndarray, "P C"]
+) -> Float64[np.ndarray, "P M"]:
+    """Filter the command by a first-order lag, which begins each clip off its command by ``start``."""
+    out, constant = np.empty((len(theta), len(signal.values))), np.ascontiguousarray(theta[:, 0])
+    _follow(signal.time, signal.values, signal.begins, signal.clip, constant, start, out)
     return out
 
 
@@ -56,6 +58,7 @@ EFFECT = InputEffect(
     needs="an input with steps or with frequencies above the lag's",
     acts_everywhere=True,
     change=change,
+    memory=True,
     excitation=grade_fast_input,
     confusable_with=("input_delay", "time_offset"),
     mujoco=to_mujoco,

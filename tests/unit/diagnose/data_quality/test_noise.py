@@ -16,6 +16,7 @@ from lagsplat.diagnose.data_quality.noise import (
     fit_locally,
     fit_over_time,
     measure_noise,
+    measure_residual_noise,
 )
 from lagsplat.diagnose.estimation.dataset import prepare_dataset
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -209,3 +210,22 @@ def test_nothing_crosses_a_cut_and_short_clips_are_fitted_as_a_whole() -> None:
     assert fit.v[0] == 0.0
     with pytest.raises(ValueError, match="half_width is 1"):
         fit_locally(motion, half_width=1)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.7])
+def test_lasting_noise_shows_in_what_a_simulator_leaves_of_the_motion(correlation: float) -> None:
+    """Windows of two periods of forty samples, with a gap of three noises beside the noise."""
+    rng, n, sigma = np.random.default_rng(0), 80, 0.01
+    time_s, found = 0.025 * np.arange(n), []
+    for _ in range(8):
+        windows = []
+        for _ in range(12):
+            noise = np.zeros(n)
+            noise[0] = rng.standard_normal()
+            for k in range(1, n):
+                push = np.sqrt(1.0 - correlation**2) * rng.standard_normal()
+                noise[k] = correlation * noise[k - 1] + push
+            gap = 3.0 * np.sin(2.0 * np.pi * time_s + rng.uniform(0.0, 6.0))
+            windows.append(sigma * (noise + gap)[:, None])
+        found.append(measure_residual_noise([time_s] * 12, windows, period_s=1.0)[0] / sigma)
+    assert 0.85 < np.mean(found) < 1.1

@@ -178,6 +178,23 @@ def test_an_input_that_is_held_acts_between_the_samples_that_are_left(n: int) ->
     assert pushed_s == pytest.approx(edges[-1] - 0.020, abs=1e-9)
 
 
+@pytest.mark.parametrize("n", [2, 5])
+@pytest.mark.parametrize("at", range(4))
+def test_an_input_that_jumps_goes_no_further_than_it_did(n: int, at: int) -> None:
+    time_s = np.arange(60) / 1000.0
+    jump = (np.arange(60) >= 30 + at).astype(float)[:, None]
+    short = average_samples(Trajectory(time_s=time_s, q=jump, u=jump), n, held=False)
+    assert short.u.min() == 0.0
+    assert short.u.max() == 1.0
+
+
+def test_an_input_keeps_its_corners() -> None:
+    time_s = np.arange(70) / 1000.0
+    ramps = np.abs(time_s - time_s[37])[:, None]
+    short = average_samples(Trajectory(time_s=time_s, q=ramps, u=ramps), 5, held=False)
+    np.testing.assert_allclose(short.u[:, 0], np.abs(short.time_s - time_s[37]), atol=3e-4)  # mean: 1.2e-3
+
+
 def test_a_mean_never_reaches_across_a_cut() -> None:
     one = Trajectory(
         time_s=np.arange(31) * 0.01,

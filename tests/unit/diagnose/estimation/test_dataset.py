@@ -15,6 +15,7 @@ from lagsplat.diagnose.estimation.dataset import (
     build_input_signals,
     compute_stage_times,
     cut_windows,
+    interpolate_input,
     join_trajectories,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
@@ -143,6 +144,19 @@ def test_between_samples_an_input_is_a_line_or_held() -> None:
         assert (held[n] == U[n]).all()
 
 
+def test_where_a_sample_is_missing_a_smooth_input_bends_on_and_a_step_goes_no_further() -> None:
+    time = np.delete(0.1 * np.arange(60), 30)
+    sine = np.cos(2.0 * (time - 3.0))
+    at = np.array([2.95, 3.0, 3.05])
+    assert interpolate_input(at, time, sine) == pytest.approx(np.cos(2.0 * (at - 3.0)), abs=4e-3)
+    assert interpolate_input(np.array([2.05]), time, sine) == pytest.approx(sine[20:22].mean())
+    assert np.interp(3.0, time, sine) == pytest.approx(np.cos(0.2)) != pytest.approx(1.0, abs=1e-2)
+    step = (time > 3.0).astype(float)
+    across = interpolate_input(np.linspace(2.0, 4.0, 99), time, step)
+    assert across.min() >= 0.0
+    assert across.max() <= 1.0
+
+
 @pytest.mark.parametrize("held", [False, True])
 def test_a_delayed_input_is_the_earlier_one_and_does_not_look_into_another_clip(held: bool) -> None:
     signal = build_input_signals(driven_dataset(), steps=2, held=held)[0]
@@ -165,8 +179,19 @@ def test_a_lag_answers_a_held_step_as_an_exponential() -> None:
     blank = np.zeros((20, 1))
     whole = Dataset(time, blank, blank, u, np.array([[0, 20]]), ("a",), np.zeros(1, np.int64), (0.0,), blank)
     signal = build_input_signals(whole, steps=3, held=True)[0]
-    out = input_lag.EFFECT.change(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
+    out = input_lag.EFFECT.change_input(signal, np.array([[0.2]])).reshape(20, 3, 3)[:, 0, 0]
     assert out == pytest.approx(2.0 * -np.expm1(-np.maximum(time - 0.1, 0.0) / 0.2), abs=1e-5)
+
+
+def test_a_lag_that_had_not_settled_begins_where_its_parameters_say() -> None:
+    signal = build_input_signals(driven_dataset(), steps=1, held=False)[0]
+    effect = input_lag.EFFECT.with_free_memory([1])
+    assert [p.kind for p in effect.parameters] == ["time", "input"]
+    moved = effect.change_input(signal, np.array([[0.2, -3.0]])).reshape(7, 3)[:, 0]
+    settled = input_lag.EFFECT.change_input(signal, np.array([[0.2]])).reshape(7, 3)[:, 0]
+    fade = np.array([0.0, 0.0, 0.0, 0.0, 1.0, np.exp(-1.0), np.exp(-1.5)])
+    assert moved - settled == pytest.approx(-3.0 * fade)
+    assert effect.with_free_memory(()) == input_lag.EFFECT
 
 
 def test_play_follows_at_half_its_width_and_forgets_between_clips() -> None:
