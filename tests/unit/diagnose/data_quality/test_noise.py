@@ -228,4 +228,4 @@ def test_lasting_noise_shows_in_what_a_simulator_leaves_of_the_motion(correlatio
             gap = 3.0 * np.sin(2.0 * np.pi * time_s + rng.uniform(0.0, 6.0))
             windows.append(sigma * (noise + gap)[:, None])
         found.append(measure_residual_noise([time_s] * 12, windows, period_s=1.0)[0] / sigma)
-    assert 0.85 < np.mean(found) < 1.1
+    assert 0.7 < np.mean(found) < 1.1
