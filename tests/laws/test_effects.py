@@ -367,3 +367,26 @@ def test_jitter_and_late_frames_are_told_from_even_noise() -> None:
     assert gain > 100.0
     assert np.ravel(found["count"])[0] == pytest.approx(24, abs=6)
     assert misfit < 1.1 * 800
+
+
+def test_effects_on_one_input_act_one_after_another(bench: RolloutModel) -> None:
+    found = offers(bench)
+    gain, lag, limit = (
+        next(each for each in found if each.effect.name == name and each.location == "left")
+        for name in ("input_gain", "input_lag", "input_saturation")
+    )
+    x = [np.full(gain.size, 0.3), np.append(usual(lag)[:1], np.zeros(lag.size - 1)), usual(limit)]
+    spare = np.zeros(bench.nuisance.size)
+    together = bench.roll_out(
+        [gain, lag, limit], np.concatenate([*x, spare])[None], starts(bench)[None], WINDOWS
+    )[0]
+    left = np.array([np.exp(gain.to_physical(x[0][None])[0, 0]), 1.0])
+    louder = replace(bench, dataset=replace(bench.dataset, u=bench.dataset.u * left))
+    others = louder.roll_out(
+        [lag, limit], np.concatenate([*x[1:], spare])[None], starts(bench)[None], WINDOWS
+    )[0]
+    np.testing.assert_allclose(together, others, rtol=1e-9, atol=1e-12)
+    for alone in ([gain], [lag], [limit], [gain, limit]):
+        part = np.concatenate([x[[gain, lag, limit].index(each)] for each in alone])
+        apart = bench.roll_out(alone, np.concatenate([part, spare])[None], starts(bench)[None], WINDOWS)[0]
+        assert np.abs(apart - together).max() > 1e-3

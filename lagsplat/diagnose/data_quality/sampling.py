@@ -9,18 +9,15 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
-from scipy.ndimage import find_objects, label, maximum_filter, minimum_filter
+from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_resolution
+from lagsplat.io.trajectory.input_log import InputLog, average_groups
 from lagsplat.io.trajectory.trajectory import Trajectory
 
-MEAN_OF_BEND, MEAN_OF_CORNER = 1.0 / 2.0, 3.0 / 2.0
-"""Mean of a parabola, and of straight lines through its samples, over the span of a mean: what it exceeds the
-value in the middle by, over the second derivative times the variance of the times."""
 REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
 
 
@@ -56,81 +53,30 @@ def average_dense_samples(
 def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     """Average ``n`` samples at a time, each time within one clip.
 
-    Samples left over at a clip's end are dropped. The mean of a curved motion is not its value at the mean
-    of the times: `MEAN_OF_BEND` of its second derivative times their variance lies between. Inputs that are
-    ``held`` are constant from one sample to the next: they are averaged from one middle to the next. Others
-    are linear between the values that are given, which have the means that the samples have. At a jump,
-    where second differences change their sign, they stay within the samples. A mean of counts
-    is as wrong as a count where the motion stays within one, and better by the square root of the counts that
-    it moves through, at most ``n``; so is the resolution that the result names.
+    Samples left over at a clip's end are dropped. The result keeps the inputs as they were logged, too. A
+    mean of counts is as wrong as a count where the motion stays within one, and better by the square root of
+    the counts that it moves through, at most ``n``; so is the resolution that the result names.
 
-    Source: values from cell averages, Shu 1998, doi:10.1007/BFb0096355; quantisation error of dithered
-    signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
+    Source: quantisation error of dithered signals, Widrow and Kollar 2008, doi:10.1017/CBO9780511754661.
     """
-    indices = []
-    for start, stop in motion.segments:
-        groups = (stop - start) // n
-        if groups >= 2:
-            indices.append(start + np.arange(groups * n).reshape(groups, n))
-    if not indices:
+    groups = [(start, (stop - start) // n) for start, stop in motion.segments if stop - start >= 2 * n]
+    if not groups:
         return motion
-
-    def reconstruct(values: np.ndarray) -> np.ndarray:
-        return np.concatenate(
-            [
-                values[index].mean(axis=1)
-                - MEAN_OF_BEND * _compute_bends(motion.time_s[index], values[index])
-                for index in indices
-            ]
-        )
-
-    def reconstruct_lines(values: np.ndarray) -> np.ndarray:
-        corners = []
-        for index in indices:
-            samples = values[index]
-            beyond = -MEAN_OF_CORNER * _compute_bends(motion.time_s[index], samples)
-            neighbours = [extreme(beyond, size=(3, 1)) for extreme in (minimum_filter, maximum_filter)]
-            curved = np.maximum(neighbours[0], 0.0) - np.minimum(neighbours[1], 0.0)
-            low, high = samples.min(axis=1) - curved, samples.max(axis=1) + curved
-            corners.append(np.clip(samples.mean(axis=1) + beyond, low, high))
-        return np.concatenate(corners)
-
-    def integrate(values: np.ndarray) -> np.ndarray:
-        ends = [index[-1, -1] for index in indices]
-        middles = [
-            np.mean([values[np.minimum(index + shift, end)] for shift in ((n - 1) // 2, n // 2)], axis=(0, 2))
-            for index, end in zip(indices, ends, strict=True)
-        ]
-        return np.concatenate(middles)
-
+    kept = motion.pieces([(start, start + n * count) for start, count in groups])
+    log = InputLog(kept.time_s, kept.u, kept.segments, n, held)
     resolution = measure_resolution([motion])
     moved = n * np.mean(np.abs(np.diff(motion.q, axis=0)), axis=0)
     counts = np.clip(moved / np.where(resolution > 0.0, resolution, 1.0), 1.0, n)
     return replace(
         motion,
-        time_s=np.concatenate([motion.time_s[index].mean(axis=1) for index in indices]),
-        q=reconstruct(motion.q),
-        v=None if motion.v is None else reconstruct(motion.v),
-        u=integrate(motion.u) if held else reconstruct_lines(motion.u),
-        segments=tuple(pairwise([0, *np.cumsum([len(index) for index in indices]).tolist()])),
+        time_s=np.concatenate([kept.time_s[a:b].reshape(-1, n).mean(axis=1) for a, b in kept.segments]),
+        q=average_groups(kept.time_s, kept.q, kept.segments, n),
+        v=None if kept.v is None else average_groups(kept.time_s, kept.v, kept.segments, n),
+        u=log.average(kept.u),
+        segments=tuple(pairwise([0, *np.cumsum([count for _, count in groups]).tolist()])),
         resolution=tuple((resolution / np.sqrt(counts)).tolist()),
+        input_log=log,
     )
-
-
-def _compute_bends(
-    time_s: Float64[np.ndarray, "G n"], values: Float64[np.ndarray, "G n d"]
-) -> Float64[np.ndarray, "G d"]:
-    """Second derivative of the means of ``values`` times the variance of the times of each.
-
-    It is continued to both ends, and zero for fewer than four means.
-    """
-    at_s, means = time_s.mean(axis=1), values.mean(axis=1)
-    if len(means) < 4:
-        return np.zeros_like(means)
-    slopes = np.diff(means, axis=0) / np.diff(at_s)[:, None]
-    second = 2.0 * np.diff(slopes, axis=0) / (at_s[2:] - at_s[:-2])[:, None]
-    second = np.pad(second, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
-    return second * time_s.var(axis=1)[:, None]
 
 
 def count_blocks(motions: Sequence[Trajectory], *, period_s: float) -> int:

@@ -1,7 +1,7 @@
 """The data that a model is fitted to: trajectories joined clip by clip and cut into windows."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,11 +14,13 @@ from lagsplat.diagnose.data_quality.noise import (
     measure_noise,
     measure_residual_noise,
 )
+from lagsplat.io.trajectory.input_log import InputLog
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 FILE_BREAK_S = 10.0  # pause [s] put between files whose clocks do not continue from one to the next
 CUBIC_WIDTHS = ((0.004, 0.12), (0.015, 0.2), (np.inf, 0.28))
 """Width of the local cubic in natural periods, by the noise, relative to the rms, that it is used below."""
+HELD_UNTIL_S = 1e-7  # before the next sample, at which an input that is held is read last [s]
 REGION_POINTS = 600  # points of an operating region, for no coordinate and again for each
 
 
@@ -36,6 +38,10 @@ class Dataset:
     file_of: Int64[np.ndarray, " C"]  # number of the file of each clip
     shifts_s: tuple[float, ...]  # what each file's clock shows at zero of the common one [s]
     smooth: Float64[np.ndarray, "N d"]  # smoothed coordinates, as the velocities
+    logs: tuple[InputLog, ...] = ()
+    """Inputs of each file at the rate of their log, by the common clock, where frames are means."""
+    relative_noise: Float64[np.ndarray, " N"] | float = 1.0
+    """Noise of each frame over that of all: means of many samples have less."""
 
     @classmethod
     def single_clip(cls, time: np.ndarray, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> "Dataset":
@@ -163,6 +169,11 @@ def join_trajectories(trajectories: Sequence[Trajectory], fits: Sequence[LocalFi
             clips.append((offset + start, offset + stop))
             file_of.append(number)
         offset += trajectory.n
+    logs = [
+        replace(trajectory.input_log, time_s=trajectory.input_log.time_s - shift)
+        for trajectory, shift in zip(trajectories, shifts, strict=True)
+        if trajectory.input_log is not None
+    ]
     return Dataset(
         time=np.concatenate(times),
         q=np.concatenate([m.q for m in trajectories]),
@@ -173,7 +184,24 @@ def join_trajectories(trajectories: Sequence[Trajectory], fits: Sequence[LocalFi
         file_of=np.array(file_of, dtype=np.int64),
         shifts_s=shifts,
         smooth=np.concatenate([fit.q for fit in fits]),
+        logs=tuple(logs) if len(logs) == len(trajectories) else (),
+        relative_noise=np.repeat(compare_noise(trajectories), [m.n for m in trajectories]),
     )
+
+
+def compare_noise(trajectories: Sequence[Trajectory]) -> Float64[np.ndarray, " m"]:
+    """Noise of the frames of each trajectory over that of all, if all were logged by one sensor."""
+    averaged = np.array([1 if m.input_log is None else m.input_log.n for m in trajectories])
+    variance = 1.0 / averaged
+    return np.sqrt(variance / np.average(variance, weights=[m.n for m in trajectories]))
+
+
+def weigh_samples(
+    dataset: Dataset, windows: WindowSet, deviation: Float64[np.ndarray, " d"]
+) -> Float64[np.ndarray, "W L d"]:
+    """One over the noise of each sample, whose ``deviation`` is that of all; 0 beyond a window's end."""
+    relative = np.broadcast_to(dataset.relative_noise, len(dataset.time))
+    return (windows.mask() / windows.take(relative))[..., None] / deviation
 
 
 def compute_clock_shifts(trajectories: Sequence[Trajectory]) -> tuple[float, ...]:
@@ -215,13 +243,23 @@ def cut_windows(dataset: Dataset, *, length_s: float, min_frames: int) -> Window
 
 @dataclass(frozen=True)
 class InputSignal:
-    """A single input at the start, middle and end of every substep of every frame, in the order of time."""
+    """A single input at instants in the order of time: at the start, middle and end of every substep of every
+    frame or, where frames are means, at the samples of the log."""
 
     time: Float64[np.ndarray, " M"]
     begins: Bool[np.ndarray, " M"]  # where a clip begins
     clip: np.ndarray  # number of the clip of each instant (M,)
     logged: tuple[tuple[np.ndarray, np.ndarray], ...]  # times and values of the log, clip by clip
     held: bool  # held between samples of the log (zero-order hold) instead of linear
+    to_stages: Callable[[np.ndarray], np.ndarray] = field(default=lambda values: values)
+    """From values (P, M) to those at the stages (P, K) of a rollout."""
+
+    def with_values(self, values: Float64[np.ndarray, " M"]) -> "InputSignal":
+        """The signal of an input that was changed on its way."""
+        # a substep ends where the next one begins
+        distinct = np.append(True, np.diff(self.time) > 0.0) | self.begins
+        clips = [distinct & (self.clip == number) for number in range(len(self.logged))]
+        return replace(self, logged=tuple((self.time[inside], values[inside]) for inside in clips))
 
     @cached_property
     def values(self) -> Float64[np.ndarray, " M"]:
@@ -280,9 +318,11 @@ def compute_stage_times(dataset: Dataset, steps: int) -> tuple[np.ndarray, np.nd
 
 def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
     """The inputs of a dataset, one signal a channel, for ``steps`` substeps between two frames."""
+    if dataset.logs and all(log.held == held for log in dataset.logs):
+        return _build_fine_signals(dataset, steps=steps)
     time, clip = compute_stage_times(dataset, steps)
     if held:  # the end of a substep, read 0.1 us early, still has the input that was held during it
-        time[:, :, 2] -= 1e-7
+        time[:, :, 2] -= HELD_UNTIL_S
     per_frame = time.shape[1] * 3
     flat, clips = time.reshape(-1), np.repeat(clip, per_frame)
     begins = np.zeros(len(flat), dtype=bool)
@@ -292,6 +332,48 @@ def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[In
         logged = tuple((dataset.time[a:b], np.ascontiguousarray(column[a:b])) for a, b in dataset.clips)
         inputs.append(InputSignal(flat, begins, clips, logged, held))
     return tuple(inputs)
+
+
+def _build_fine_signals(dataset: Dataset, *, steps: int) -> tuple[InputSignal, ...]:
+    """Signals at the samples of the log; of held inputs, at the beginning and the end of each hold."""
+    logs, held = dataset.logs, dataset.logs[0].held
+    parts = [(log, slice(a, b)) for log in logs for a, b in log.segments]
+    times = [log.time_s[part] for log, part in parts]
+    each = 2 if held else 1
+    instants = [
+        np.stack([time, np.append(time[1:], time[-1]) - HELD_UNTIL_S], axis=1).ravel() if held else time
+        for time in times
+    ]
+    lengths = [len(part) for part in instants]
+    begins = np.zeros(sum(lengths), dtype=bool)
+    begins[np.cumsum([0, *lengths[:-1]])] = True
+    of_file = np.cumsum([0, *(each * len(log.time_s) for log in logs)])
+    left = np.repeat(np.arange(len(dataset.time)), 3 * steps)
+    share = np.tile(
+        ((np.arange(steps)[:, None] + np.array([0.0, 0.5, 1.0])) / steps).ravel(), len(dataset.time)
+    )
+    share[held | np.isin(left, dataset.clips[:, 1] - 1)] = 0.0
+
+    def to_stages(values: np.ndarray) -> np.ndarray:
+        means = [
+            log.average(values[:, a:b].reshape(len(values), -1, each).mean(axis=2).T)
+            for log, a, b in zip(logs, of_file, of_file[1:], strict=False)
+        ]
+        frames = np.concatenate(means).T
+        return frames[:, left] * (1.0 - share) + frames[:, np.minimum(left + 1, frames.shape[1] - 1)] * share
+
+    time, clip = np.concatenate(instants), np.repeat(np.arange(len(parts)), lengths)
+    return tuple(
+        InputSignal(
+            time,
+            begins,
+            clip,
+            tuple((at, log.u[part, channel]) for at, (log, part) in zip(times, parts, strict=True)),
+            held,
+            to_stages,
+        )
+        for channel in range(dataset.u.shape[1])
+    )
 
 
 @dataclass(frozen=True)
@@ -310,8 +392,12 @@ def prepare_dataset(trajectories: Sequence[Trajectory], *, period_s: float) -> P
     (`CUBIC_WIDTHS`).
     """
     rms = np.std(np.concatenate([m.q for m in trajectories]), axis=0)
+    alike = [
+        replace(m, q=m.q / relative, resolution=tuple(np.array(m.resolution) / relative))
+        for m, relative in zip(trajectories, compare_noise(trajectories), strict=True)
+    ]
     sigma = np.maximum(
-        measure_noise(trajectories, period_s=period_s).known_sigma, ESTIMATION.min_relative_noise * rms
+        measure_noise(alike, period_s=period_s).known_sigma, ESTIMATION.min_relative_noise * rms
     )
     worst = float(np.max(sigma / np.maximum(rms, 1e-300)))
     width_s = next((share for limit, share in CUBIC_WIDTHS if worst < limit), CUBIC_WIDTHS[-1][1]) * period_s

@@ -54,7 +54,7 @@ class RolloutModel:
         """The logged inputs at every stage of a rollout, as the kernel takes them."""
         logged = np.empty((1, *self.stages, len(self.inputs)))
         for channel, signal in enumerate(self.inputs):
-            logged[0, ..., channel] = signal.values.reshape(self.stages)
+            logged[0, ..., channel] = signal.to_stages(signal.values[None]).reshape(self.stages)
         return logged
 
     @cached_property
@@ -137,14 +137,24 @@ class RolloutModel:
         # Most sets of a finite difference have the same input parameters; each distinct signal is made once.
         distinct, u_of = np.unique(theta, axis=0, return_inverse=True)
         u = np.repeat(self.logged, len(distinct), axis=0)
+        changed: dict[int, np.ndarray] = {}
         at = 0
         for effect, part in changes:
             values = distinct[:, at : at + part.shape[1]]
             at += part.shape[1]
+            assert isinstance(effect.effect, InputEffect)
             for channel in effect.list_channels(u.shape[-1]):
-                assert isinstance(effect.effect, InputEffect)
-                changed = effect.effect.change_input(self.inputs[channel], values)
-                u[..., channel] = changed.reshape(len(distinct), *self.stages)
+                signal, change = self.inputs[channel], effect.effect.change_input
+                if channel in changed:  # what one effect gives is what the next one gets
+                    rows = zip(changed[channel], values, strict=True)
+                    changed[channel] = np.stack(
+                        [change(signal.with_values(row), theta[None])[0] for row, theta in rows]
+                    )
+                else:
+                    changed[channel] = change(signal, values)
+        for channel, signals in changed.items():
+            stages = self.inputs[channel].to_stages(signals)
+            u[..., channel] = stages.reshape(len(distinct), *self.stages)
         return u, u_of.reshape(-1).astype(np.int64)
 
     def _laws(

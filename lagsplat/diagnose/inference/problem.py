@@ -25,6 +25,7 @@ from lagsplat.diagnose.estimation.dataset import (
     cut_windows,
     measure_window_noise,
     prepare_dataset,
+    weigh_samples,
 )
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
@@ -69,7 +70,7 @@ class EstimationProblem:
         q, v = self.dataset.q, self.dataset.v
         return shooting.ShootingData(
             self.windows.take(q),
-            (self.windows.mask() * ~self.repeats)[..., None] / self.deviation,
+            weigh_samples(self.dataset, self.windows, self.deviation) * ~self.repeats[..., None],
             1e-4 * np.concatenate([np.std(q, axis=0), np.std(v, axis=0)]),
         )
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, count_names, name_columns
+from lagsplat.io.trajectory.input_log import InputLog
 from lagsplat.io.trajectory.tables import read_table
 from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
@@ -28,8 +29,8 @@ class Trajectory:
     be 0. ``segments`` are half-open ``(start, stop)`` clips that follow one another and cover all samples,
     no motion continues across their borders; empty means one clip. ``resolution`` (d,) are the steps of a
     sensor that counts, in units of ``q`` and 0 where it does not; empty means not known. ``computed`` names
-    inputs that were computed along the motion instead of logged, so that no actuator made them. All numbers
-    are finite and become float64.
+    inputs that were computed along the motion instead of logged, so that no actuator made them. Of means,
+    ``input_log`` holds the inputs at the rate of their log. All numbers are finite and become float64.
 
     Raises:
         ValueError: a field breaks one of these rules; the message names the source, the field and the row.
@@ -52,6 +53,7 @@ class Trajectory:
     source: str = "motion"
     resolution: tuple[float, ...] = ()
     computed: tuple[str, ...] = ()
+    input_log: InputLog | None = None
 
     def __post_init__(self) -> None:
         blocks: dict[str, np.ndarray] = {}
@@ -127,7 +129,7 @@ class Trajectory:
         inside = all(0 <= i < self.n for i in at)
         require(inside, self.source, f"cut at {list(at)}; name samples from 0 to {self.n - 1}")
         starts = sorted({start for start, _ in self.segments} | {int(i) for i in at})
-        return replace(self, segments=tuple(pairwise([*starts, self.n])))
+        return replace(self, segments=tuple(pairwise([*starts, self.n])), input_log=None)
 
     def pieces(self, clips: Sequence[tuple[int, int]]) -> "Trajectory":
         """Only the half-open, ascending sample ranges ``clips``, each a clip of its own.
@@ -145,6 +147,7 @@ class Trajectory:
             u=self.u[kept],
             v=None if self.v is None else self.v[kept],
             segments=tuple(pairwise([0, *stops])),
+            input_log=None,
         )
 
 

@@ -180,12 +180,23 @@ def test_an_input_that_is_held_acts_between_the_samples_that_are_left(n: int) ->
 
 @pytest.mark.parametrize("n", [2, 5])
 @pytest.mark.parametrize("at", range(4))
-def test_an_input_that_jumps_goes_no_further_than_it_did(n: int, at: int) -> None:
+def test_a_jump_of_an_input_pushes_as_much_as_it_did(n: int, at: int) -> None:
     time_s = np.arange(60) / 1000.0
-    jump = (np.arange(60) >= 30 + at).astype(float)[:, None]
-    short = average_samples(Trajectory(time_s=time_s, q=jump, u=jump), n, held=False)
-    assert short.u.min() == 0.0
-    assert short.u.max() == 1.0
+    jump = (np.arange(60) >= 30 + at).astype(float)
+    short = average_samples(Trajectory(time_s=time_s, q=jump[:, None], u=jump[:, None]), n, held=False)
+    inside = (time_s >= short.time_s[0]) & (time_s <= short.time_s[-1])
+    pushed = np.trapezoid(jump[inside], time_s[inside])
+    assert np.trapezoid(short.u[:, 0], short.time_s) == pytest.approx(pushed, abs=6e-4)
+    assert short.input_log is not None
+    assert short.input_log.u.max() == 1.0
+
+
+def test_means_of_a_log_with_missing_rows_are_where_the_motion_was() -> None:
+    rng = np.random.default_rng(0)
+    time_s = np.flatnonzero(rng.uniform(size=4000) > 0.05) / 1000.0
+    q = np.sin(6.0 * time_s)[:, None]
+    short = average_samples(Trajectory(time_s=time_s, q=q, u=q), 8, held=False)
+    np.testing.assert_allclose(short.q[:, 0], np.sin(6.0 * short.time_s), atol=2e-5)
 
 
 def test_an_input_keeps_its_corners() -> None:

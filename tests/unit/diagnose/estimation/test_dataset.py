@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagsplat.diagnose.data_quality.noise import LocalFit
+from lagsplat.diagnose.data_quality.sampling import average_samples
 from lagsplat.diagnose.effects.actuation import input_backlash, input_delay, input_lag
 from lagsplat.diagnose.effects.measurement import time_offset
 from lagsplat.diagnose.estimation.dataset import (
@@ -13,6 +14,7 @@ from lagsplat.diagnose.estimation.dataset import (
     Dataset,
     WindowSet,
     build_input_signals,
+    compare_noise,
     compute_stage_times,
     cut_windows,
     interpolate_input,
@@ -198,6 +200,38 @@ def test_play_follows_at_half_its_width_and_forgets_between_clips() -> None:
     signal = build_input_signals(driven_dataset(), steps=1, held=False)[0]
     out = input_backlash.EFFECT.change(signal, np.array([[2.0, 0.0]]))[0].reshape(7, 3)[:, 0]
     assert out.tolist() == pytest.approx([1.0, 2.0, -1.0, -0.5, 10.0, 11.0, 11.0])
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_what_play_gives_is_averaged_and_not_what_it_gets(held: bool) -> None:
+    """The force after the play has the means of the play's own answer to every sample of the log."""
+    time = 0.001 * np.arange(600)
+    u = np.sin(30.0 * time) + 2.0 * (time > 0.2973)
+    blank = np.zeros((600, 1))
+    motion = average_samples(Trajectory(time_s=time, q=blank, u=u[:, None]), 6, held=held)
+    fit = LocalFit(motion.q, motion.q, motion.q, motion.q[:, 0])
+    record = join_trajectories([motion], [fit])
+    signal = build_input_signals(record, steps=2, held=held)[0]
+    stages = signal.to_stages(input_backlash.EFFECT.change(signal, np.array([[0.6, 0.0]])))
+    given = np.empty(600)
+    given[0] = u[0]
+    for k in range(1, 600):
+        given[k] = min(max(given[k - 1], u[k] - 0.3), u[k] + 0.3)
+    begins, middles, ends = stages.reshape(100, 2, 3).transpose(2, 0, 1)
+    lines = (begins + 4.0 * middles + ends)[:-1].sum(axis=1) / 12.0
+    means = 0.5 * (given.reshape(100, 6).mean(axis=1)[1:] + given.reshape(100, 6).mean(axis=1)[:-1])
+    assert lines.sum() == pytest.approx(means.sum(), rel=2e-3)
+    assert stages.max() == pytest.approx(given.max(), abs=0.01)
+
+
+def test_frames_that_are_means_of_fewer_samples_have_more_noise() -> None:
+    one = Trajectory(time_s=0.01 * np.arange(40), q=np.zeros((40, 1)), u=np.zeros((40, 0)))
+    log = Trajectory(time_s=0.001 * np.arange(360), q=np.zeros((360, 1)), u=np.zeros((360, 0)))
+    many = average_samples(log, 9, held=False)
+    relative = compare_noise([one, many])
+    assert relative[0] / relative[1] == pytest.approx(3.0)
+    assert np.mean(relative**2) == pytest.approx(1.0)
+    assert compare_noise([many, many]) == pytest.approx(np.ones(2))
 
 
 def test_halves_of_windows_share_a_frame_and_short_windows_stay_whole() -> None:
