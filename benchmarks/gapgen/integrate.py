@@ -80,7 +80,8 @@ def _rates(kind, p, b, inertia, which, how, t, x, u, dx, work):
             push += b[i, j] * u[j]
         dx[i] = v[i]
         dx[d + i] = push - grad[i] - drag[i] - bias[i]
-        load[i] = (grad[i] - push) / inertia[i]
+        # what a gear carries between the drive on one side and the rest on the other
+        load[i] = (grad[i] + push) / inertia[i]
     for e in range(which.shape[0]):
         law, i, at, th = which[e, 0], which[e, 1], which[e, 2], how[e]
         if is_exogenous(law):

@@ -112,7 +112,7 @@ def _apply(fields, scales, which, how, t, h, x, dx, u):
     applied[:] = 0.0
     for e in range(which.shape[0]):
         law, i, at, th = which[e, 0], which[e, 1], 2 * d + which[e, 2], how[e]
-        load = (bias[i] - spring[i] - push[i]) / inertia[i]
+        load = (bias[i] - spring[i] + push[i]) / inertia[i]
         q = qpos[i] + 0.5 * h * qvel[i] + 0.125 * h * h * qacc[i]
         v = qvel[i] + 0.5 * h * qacc[i]
         if law == FRICTION:

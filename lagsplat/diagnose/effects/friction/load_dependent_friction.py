@@ -14,7 +14,7 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-(acceleration + load_factor |load|) sign(v)``; spring and drive make up the load."""
+    """Return ``-(acceleration + load_factor |load|) sign(v)``; the load is between spring and drive."""
     return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])
 
 
