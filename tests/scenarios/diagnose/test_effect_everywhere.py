@@ -84,8 +84,8 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
     joint = fits.pop("everywhere")
     assert joint.fit.misfit / seen.degrees_of_freedom < 1.3
     assert min(one.fit.misfit for one in fits.values()) > 3.0 * joint.fit.misfit
-    lags = joint.effects[0].to_physical(joint.fit.x[None, :2])[0]
-    assert lags == pytest.approx(LAG_S, rel=0.05)
+    found = joint.name_parameters(joint.effects[0])
+    assert [found[f"time_constant {u}"] for u in ("u0", "u1")] == pytest.approx(LAG_S, rel=0.05)
 
 
 def test_the_sim_with_it_holds_each_place_by_itself() -> None:
