@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lagsplat.io.files.artifact import read_header
-from lagsplat.io.files.sysid_parameters import write_sysid_parameters
+from lagsplat.io.files.sysid_yaml import write_sysid_parameters
 from lagsplat.io.mujoco.model import MujocoSelection, load_mujoco, load_spec
 from lagsplat.io.mujoco.sysid_parameters import list_sysid_parameters
 from lagsplat.io.sources import find_sources, prefer_numbers, read_sources

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lagsplat.io.files.sysid_parameters import SysidParameter, read_sysid_parameters
+from lagsplat.io.files.sysid_yaml import SysidParameter, read_sysid_parameters
 from lagsplat.io.mujoco.body_inertia import pack_inertia, read_inertia, set_inertia
 from lagsplat.io.mujoco.package import get_angle_unit
 

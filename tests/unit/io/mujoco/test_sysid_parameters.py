@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields
-from lagsplat.io.files.sysid_parameters import read_sysid_parameters, write_sysid_parameters
+from lagsplat.io.files.sysid_yaml import read_sysid_parameters, write_sysid_parameters
 from lagsplat.io.mujoco.body_inertia import pack_inertia
 from lagsplat.io.mujoco.model import load_mujoco, load_spec
 from lagsplat.io.mujoco.sysid_parameters import list_sysid_parameters
