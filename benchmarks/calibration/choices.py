@@ -21,6 +21,7 @@ SHARED = ("nominal", "chance", "relaxed_log_evidence", "motionless")  # of all a
 DIGITS = 5  # of stored numbers: no share moves by more than one recording against six
 DECISIVE = 3.0  # log Bayes factor [nat], 20 to 1: strong evidence by Kass and Raftery (1995)
 LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: so about a quarter have an unknown cause
+EARLIER_WEIGHT = 0.2  # of a row of earlier code: later ones, by tenths left out, are then the most likely
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class LabelledChoice:
     truth: Sequence[Mapping[str, Any]]
     source: str
     recording: str
+    earlier: bool = False  # measured by earlier code
 
     @property
     def families(self) -> frozenset[str]:
@@ -103,7 +105,8 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
     Recordings are left out in which physics or noise hides the effect, as a generator does not always reach
     the gap that it aims at, or of which the data allow no verdict. Where the sim's own tolerances close the
     gap, `none` is right as well, and an exact sim shows the cause. A recording without its true effect counts
-    if no other effect imitates it.
+    if no other effect imitates it. Rows that are ``earlier``, measured by code that fitted otherwise, count
+    for less.
     """
     labelled = []
     for row in rows:
@@ -122,17 +125,21 @@ def label_rows(rows: Sequence[Mapping[str, Any]]) -> list[LabelledChoice]:
 
 
 def _balance_outside(labelled: Sequence[LabelledChoice]) -> list[LabelledChoice]:
-    counts = Counter(each.families for each in labelled if each.kind == "outside")
-    others = sum(each.kind in ("none", "single", "pair") for each in labelled)
-    if not (counts and others):
+    sums: Counter[frozenset[str]] = Counter()
+    for each in labelled:
+        if each.kind == "outside":
+            sums[each.families] += each.choice.weight
+    others = sum(each.choice.weight for each in labelled if each.kind in ("none", "single", "pair"))
+    if not (sums and others):
         return list(labelled)
-    each_weighs = OUTSIDE_SHARE / (1.0 - OUTSIDE_SHARE) * others / len(counts)
-    return [
-        replace(each, choice=replace(each.choice, weight=each_weighs / counts[each.families]))
-        if each.kind == "outside"
-        else each
-        for each in labelled
-    ]
+    each_weighs = OUTSIDE_SHARE / (1.0 - OUTSIDE_SHARE) * others / len(sums)
+    balanced = []
+    for each in labelled:
+        weight = each.choice.weight
+        if each.kind == "outside":
+            weight *= each_weighs / sums[each.families]
+        balanced.append(replace(each, choice=replace(each.choice, weight=weight)))
+    return balanced
 
 
 def _is_imitated(row: Mapping[str, Any]) -> bool:
@@ -151,14 +158,18 @@ def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
     right = (score > 0.0) & (score > score.max() - 1e-9)
     right[0] = not answer["truth"] or (kind == "single" and "exact" in row)
     right[-1] |= kind == "left_out"
+    weight = (LEFT_OUT_WEIGHT if kind == "left_out" else 1.0) * (
+        EARLIER_WEIGHT if row.get("earlier") else 1.0
+    )
     return LabelledChoice(
-        Choice(compute_features(alternatives), right, LEFT_OUT_WEIGHT if kind == "left_out" else 1.0),
+        Choice(compute_features(alternatives), right, weight),
         names,
         name_main_causes(alternatives.measures),
         kind,
         answer["truth"],
         answer["source"] or "own",
         row["id"],
+        bool(row.get("earlier")),
     )
 
 

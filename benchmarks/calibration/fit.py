@@ -1,6 +1,8 @@
 """Fit the choice model, and check it on sources and effects that it was not fitted to.
 
-Run as ``python -m benchmarks.calibration.fit MEASURES ... --out FOLDER``. Writes three files:
+Run as ``python -m benchmarks.calibration.fit MEASURES ... --out FOLDER``. Measures of earlier code, which
+fitted otherwise, are marked by ``--earlier FILE ...``: they have less weight in the fit, and the others
+alone are checked. Writes three files:
 
 - ``measures.jsonl.xz``: all that was measured, from which the same command makes the same model again;
 - ``model.json``: the weights;
@@ -63,7 +65,8 @@ GROUPS: dict[str, Callable[[LabelledChoice], Hashable]] = {
 def summarize(
     labelled: Sequence[LabelledChoice], chances: Sequence[np.ndarray]
 ) -> list[tuple[str, float, float, float, int]]:
-    """Shares with Wilson's intervals, and the calibration error of the first name.
+    """Shares of what the present code measured, with Wilson's intervals, and the calibration error of the
+    first name.
 
     A recording whose gap the sim's tolerances close is judged again beside an exact sim, as a diagnosis does.
     """
@@ -73,7 +76,7 @@ def summarize(
     shares: dict[str, list[float]] = {}
     sure, right = [], []
     for (each, cause), p in zip(pairs, chances, strict=True):
-        if each.kind == "exact":
+        if each.kind == "exact" or each.earlier:
             continue
         again = exact.get(each.recording) if each.kind != "left_out" else None
         if again and next(iter(cause)) == "none" and next(iter(again)) not in ("none", "unknown"):
@@ -109,11 +112,17 @@ def main(argv: list[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("measures", nargs="+", type=Path, help="files of benchmarks.calibration.measure")
+    parser.add_argument(
+        "--earlier", nargs="*", default=[], type=Path, help="files of measures of earlier code"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the model and its validation")
     args = parser.parse_args(argv)
     args.out.mkdir(parents=True, exist_ok=True)
     stored = args.out / "measures.jsonl.xz"
-    write_rows(stored, read_rows(args.measures))
+    later = read_rows(args.measures)
+    known = {row["id"] for row in later}
+    before = [row | {"earlier": True} for row in read_rows(args.earlier) if row["id"] not in known]
+    write_rows(stored, sorted([*later, *before], key=lambda row: str(row["id"])))
     labelled = label_rows(read_rows([stored]))
     with (args.out / "validation.csv").open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)

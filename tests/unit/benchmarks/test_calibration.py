@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration.choices import (
+    EARLIER_WEIGHT,
     label_rows,
     pack_alternatives,
     read_rows,
@@ -76,6 +77,20 @@ def test_a_recording_without_its_true_effect_is_a_choice_of_its_own() -> None:
     assert label_rows([row(MADE, truth("creep"), identifiable=False)]) == []
     assert label_rows([row(MADE, truth("creep"), undetermined=True)]) == []
     assert label_rows([row(MADE, truth("creep"), gap_ratio=1.1)]) == []
+
+
+def test_what_earlier_code_measured_weighs_less_and_is_not_checked(tmp_path: Path) -> None:
+    rows = draw_rows(24)
+    later, before = label_rows([rows[1], rows[3] | {"earlier": True}])[::2]
+    assert before.choice.weight == pytest.approx(EARLIER_WEIGHT * later.choice.weight)
+    files = [tmp_path / "later.jsonl", tmp_path / "before.jsonl"]
+    for file, part in zip(files, (rows[:40], rows[30:]), strict=True):
+        file.write_text("".join(json.dumps(one) + "\n" for one in part))
+    fit([str(files[0]), "--earlier", str(files[1]), "--out", str(tmp_path)])
+    stored = read_rows([tmp_path / "measures.jsonl.xz"])
+    assert sum(bool(one.get("earlier")) for one in stored) == 8
+    told = (tmp_path / "validation.csv").read_text().splitlines()
+    assert next(line for line in told if "none: not named" in line).endswith(",20")
 
 
 def test_stored_rows_are_those_measured_and_always_the_same_bytes(tmp_path: Path) -> None:
