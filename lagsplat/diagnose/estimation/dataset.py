@@ -291,6 +291,8 @@ def interpolate_input(
     Source: the monotonised central limiter, van Leer 1977, doi:10.1016/0021-9991(77)90095-X.
     """
     out = np.interp(time_s, logged_s, values)
+    if len(logged_s) < 4:  # no bend before and after
+        return out
     steps = np.diff(logged_s)
     wide = np.append(steps > ESTIMATION.missing_steps * np.median(steps), False)
     at = np.searchsorted(logged_s, time_s, side="right") - 1

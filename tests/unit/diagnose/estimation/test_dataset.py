@@ -152,6 +152,7 @@ def test_where_a_sample_is_missing_a_smooth_input_bends_on_and_a_step_goes_no_fu
     at = np.array([2.95, 3.0, 3.05])
     assert interpolate_input(at, time, sine) == pytest.approx(np.cos(2.0 * (at - 3.0)), abs=4e-3)
     assert interpolate_input(np.array([2.05]), time, sine) == pytest.approx(sine[20:22].mean())
+    assert interpolate_input(at, time[:1], sine[:1]).tolist() == [sine[0]] * 3
     assert np.interp(3.0, time, sine) == pytest.approx(np.cos(0.2)) != pytest.approx(1.0, abs=1e-2)
     step = (time > 3.0).astype(float)
     across = interpolate_input(np.linspace(2.0, 4.0, 99), time, step)
