@@ -344,7 +344,7 @@ class ESTIMATION:
 
     min_relative_noise: float = 1e-3  # assumed noise, at least, over the rms of the coordinate [1]
     region_margin: float = 0.15  # margin around the visited region, as a share of half its range [1]
-    missing_steps: float = 1.5  # step in which a sample is missing, over the median step [1]
+    missing_steps: float = 1.75  # step in which a sample is missing, over the median [1]: two, less jitter
     max_stale_steps: int = 4  # steps after which all derivatives are computed anew [count]
     max_attempts: int = 6  # damping factors tried for one step before the fit ends [count]
 

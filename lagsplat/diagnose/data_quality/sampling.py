@@ -15,7 +15,7 @@ from lagsplat.diagnose.core.config import SAMPLING
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_rms_period_s
 from lagsplat.diagnose.data_quality.noise import MeasurementNoise, measure_resolution
-from lagsplat.io.trajectory.input_log import InputLog, average_groups
+from lagsplat.io.trajectory.logged_inputs import LoggedInputs, average_groups
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 REPEATED_SAMPLES_CHECK = "repeated samples"  # name of the check for samples that repeat the one before
@@ -63,7 +63,7 @@ def average_samples(motion: Trajectory, n: int, *, held: bool) -> Trajectory:
     if not groups:
         return motion
     kept = motion.pieces([(start, start + n * count) for start, count in groups])
-    log = InputLog(kept.time_s, kept.u, kept.segments, n, held)
+    log = LoggedInputs(kept.time_s, kept.u, kept.segments, n, held)
     resolution = measure_resolution([motion])
     moved = n * np.mean(np.abs(np.diff(motion.q, axis=0)), axis=0)
     counts = np.clip(moved / np.where(resolution > 0.0, resolution, 1.0), 1.0, n)

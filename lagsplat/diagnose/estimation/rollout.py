@@ -16,7 +16,8 @@ from lagsplat.diagnose.effects.base import (
     ObservationEffect,
     PlacedEffect,
 )
-from lagsplat.diagnose.estimation.dataset import Dataset, InputSignal, WindowSet, build_input_signals
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.diagnose.estimation.input_signals import InputSignal, build_input_signals
 from lagsplat.diagnose.estimation.multiple_shooting import Linearization, ShootingData
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, count_names, name_columns
-from lagsplat.io.trajectory.input_log import InputLog
+from lagsplat.io.trajectory.logged_inputs import LoggedInputs
 from lagsplat.io.trajectory.tables import read_table
 from lagsplat.io.trajectory.timing import complete_clips, median_spacing_s, require, require_increasing
 
@@ -53,7 +53,7 @@ class Trajectory:
     source: str = "motion"
     resolution: tuple[float, ...] = ()
     computed: tuple[str, ...] = ()
-    input_log: InputLog | None = None
+    input_log: LoggedInputs | None = None
 
     def __post_init__(self) -> None:
         blocks: dict[str, np.ndarray] = {}

@@ -13,12 +13,14 @@ from lagsplat.diagnose.estimation.dataset import (
     FILE_BREAK_S,
     Dataset,
     WindowSet,
-    build_input_signals,
     compare_noise,
-    compute_stage_times,
     cut_windows,
-    interpolate_input,
     join_trajectories,
+)
+from lagsplat.diagnose.estimation.input_signals import (
+    build_input_signals,
+    compute_stage_times,
+    interpolate_input,
 )
 from lagsplat.io.trajectory.trajectory import Trajectory
 

@@ -15,7 +15,7 @@ value in the middle by, over the second derivative times the variance of the tim
 
 
 @dataclass(frozen=True)
-class InputLog:
+class LoggedInputs:
     """Inputs ``u`` (M, n_u) at ``time_s`` (M,) in clips, of which ``n`` at a time make up one mean.
 
     ``segments`` are half-open clips of whole groups that cover all samples. ``held`` inputs are constant from
