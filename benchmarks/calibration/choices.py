@@ -158,18 +158,16 @@ def _label(row: Mapping[str, Any], which: str, kind: str) -> LabelledChoice:
     right = (score > 0.0) & (score > score.max() - 1e-9)
     right[0] = not answer["truth"] or (kind == "single" and "exact" in row)
     right[-1] |= kind == "left_out"
-    weight = (LEFT_OUT_WEIGHT if kind == "left_out" else 1.0) * (
-        EARLIER_WEIGHT if row.get("earlier") else 1.0
-    )
+    weight, earlier = LEFT_OUT_WEIGHT if kind == "left_out" else 1.0, bool(row.get("earlier"))
     return LabelledChoice(
-        Choice(compute_features(alternatives), right, weight),
+        Choice(compute_features(alternatives), right, weight * (EARLIER_WEIGHT if earlier else 1.0)),
         names,
         name_main_causes(alternatives.measures),
         kind,
         answer["truth"],
         answer["source"] or "own",
         row["id"],
-        bool(row.get("earlier")),
+        earlier,
     )
 
 

@@ -187,9 +187,7 @@ class NOISE_ESTIMATION:
     window_widths: tuple[int, ...] = (24, 48, 96)  # samples of a window [count]
     window_degrees: tuple[int, ...] = (5, 9, 13, 17, 21, 29)  # degrees of the polynomials in a window [1]
     degrees_per_period: float = 20.0  # degree that a period of motion takes, at least [1]: five for a quarter
-    residual_share: float = (
-        0.5  # of that degree that a fit's residual takes [1]: some noises large, no hundreds
-    )
+    residual_share: float = 0.5  # of that degree that a fit's residual takes [1], which is no motion whole
     guard_degrees: int = 3  # next degrees, in which motion shows first [count]
     guard_agreement: float = 1.25  # noise in them over the noise beyond [1]; above, there is motion
     fast_degree: int = 7  # degree in the shortest windows [1]: at 10 samples a period 3e-4 of the swing

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -141,22 +140,11 @@ def measure_residual_noise(
     A simulator that lacks something still takes most of the motion away. What is left takes polynomials of a
     lower degree, `NOISE_ESTIMATION.residual_share` of a motion's, and leaves noise that lasts longer.
     """
-    ends = np.cumsum([len(residual) for residual in residuals])
-    joined = Trajectory(
-        time_s=np.concatenate(
-            [time_s - time_s[0] + at for time_s, at in zip(times_s, _begin_apart(times_s), strict=True)]
-        ),
-        q=np.concatenate(residuals),
-        u=np.zeros((int(ends[-1]), 0)),
-        segments=tuple(pairwise([0, *ends.tolist()])),
-    )
-    return measure_noise([joined], period_s=period_s / NOISE_ESTIMATION.residual_share).known_sigma
-
-
-def _begin_apart(times_s: Sequence[Float64[np.ndarray, " L"]]) -> Float64[np.ndarray, " W"]:
-    """Instants [s] at which windows may begin so that none overlaps the next."""
-    spans = np.array([time_s[-1] - time_s[0] for time_s in times_s])
-    return np.append(0.0, np.cumsum(spans + spans.max())[:-1])
+    windows = [
+        Trajectory(time_s=time_s, q=residual, u=np.zeros((len(time_s), 0)))
+        for time_s, residual in zip(times_s, residuals, strict=True)
+    ]
+    return measure_noise(windows, period_s=period_s / NOISE_ESTIMATION.residual_share).known_sigma
 
 
 def measure_resolution(motions: Sequence[Trajectory]) -> Float64[np.ndarray, " d"]:

@@ -86,8 +86,12 @@ def compute_stage_times(dataset: Dataset, steps: int) -> tuple[np.ndarray, np.nd
     for number, (start, stop) in enumerate(dataset.clips):
         clip[start:stop] = number
         ahead[start : stop - 1] = np.diff(dataset.time[start:stop])
-    share = (np.arange(steps)[:, None] + np.array([0.0, 0.5, 1.0])[None, :]) / steps
-    return dataset.time[:, None, None] + ahead[:, None, None] * share, clip
+    return dataset.time[:, None, None] + ahead[:, None, None] * _list_stages(steps), clip
+
+
+def _list_stages(steps: int) -> Float64[np.ndarray, "S 3"]:
+    """Start, middle and end of every substep, as shares of the time to the next frame."""
+    return (np.arange(steps)[:, None] + np.array([0.0, 0.5, 1.0])) / steps
 
 
 def build_input_signals(dataset: Dataset, *, steps: int, held: bool) -> tuple[InputSignal, ...]:
@@ -123,9 +127,7 @@ def _build_fine_signals(dataset: Dataset, *, steps: int) -> tuple[InputSignal, .
     begins[np.cumsum([0, *lengths[:-1]])] = True
     of_file = np.cumsum([0, *(each * len(log.time_s) for log in logs)])
     left = np.repeat(np.arange(len(dataset.time)), 3 * steps)
-    share = np.tile(
-        ((np.arange(steps)[:, None] + np.array([0.0, 0.5, 1.0])) / steps).ravel(), len(dataset.time)
-    )
+    share = np.tile(_list_stages(steps).ravel(), len(dataset.time))
     share[held | np.isin(left, dataset.clips[:, 1] - 1)] = 0.0
 
     def to_stages(values: np.ndarray) -> np.ndarray:

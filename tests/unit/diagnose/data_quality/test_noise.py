@@ -220,11 +220,8 @@ def test_lasting_noise_shows_in_what_a_simulator_leaves_of_the_motion(correlatio
     for _ in range(8):
         windows = []
         for _ in range(12):
-            noise = np.zeros(n)
-            noise[0] = rng.standard_normal()
-            for k in range(1, n):
-                push = np.sqrt(1.0 - correlation**2) * rng.standard_normal()
-                noise[k] = correlation * noise[k - 1] + push
+            white = rng.standard_normal(n + 100)
+            noise = lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], white)[100:]
             gap = 3.0 * np.sin(2.0 * np.pi * time_s + rng.uniform(0.0, 6.0))
             windows.append(sigma * (noise + gap)[:, None])
         found.append(measure_residual_noise([time_s] * 12, windows, period_s=1.0)[0] / sigma)
