@@ -5,8 +5,8 @@ one effect and names it `EFFECT`; see `lagsplat.diagnose.effects.friction.coulom
 copy, and `lagsplat.diagnose.effects.registry` for how the catalogue finds it.
 
 Parameters are counted in units of the recorded motion (`lagsplat.diagnose.effects.parameters`), so that one
-prior serves any mechanism in any coordinates. The leading parameters, usually one, are *amplitudes*: with
-amplitude zero the effect is absent.
+prior serves any mechanism in any coordinates. Some parameters, usually one, are *amplitudes*: with amplitude
+zero the effect is absent. The others are its shape.
 """
 
 import itertools
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
-from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
+from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, Normal, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
 Component = Literal["inertial", "conservative", "dissipative", "actuation", "exogenous", "memory"]
@@ -102,9 +102,14 @@ class Effect(EffectDescription):
     """Clips whose memories begin off where they would, by what the last parameters say."""
 
     @property
-    def amplitudes(self) -> int:
-        """Number of leading parameters that are amplitudes: those without a grid of values."""
-        return next((n for n, p in enumerate(self.parameters) if p.grid), len(self.parameters))
+    def amplitudes(self) -> Int64[np.ndarray, " n"]:
+        """Which parameters are amplitudes: those without a grid of values."""
+        return np.flatnonzero([not p.grid for p in self.parameters])
+
+    @property
+    def shapes(self) -> Int64[np.ndarray, " m"]:
+        """Which parameters are no amplitudes."""
+        return np.flatnonzero([len(p.grid) > 0 for p in self.parameters])
 
     @property
     def memory_kinds(self) -> tuple[str, ...]:
@@ -139,6 +144,8 @@ class ForceEffect(Effect):
     clip begins in mid-motion."""
     constants: Callable[[Scales, str], tuple[float, ...]] = field(default=lambda scales, variant: ())
     """What the law gets after its parameters."""
+    dry: tuple[str, ...] = ()
+    """Variants that are dry friction, with the `PRESLIDING` parameters: their law is what acts in motion."""
     crosswise: bool = False
     """Couples the two coordinates of a pair: it acts on each by the other's motion, with opposite signs."""
     whole: Any = None
@@ -146,8 +153,13 @@ class ForceEffect(Effect):
 
     @property
     def n_memory(self) -> int:
-        """Number of memories of the law."""
-        return len(self.memory_start)
+        """Number of memories of the law; the bristles of dry friction have one."""
+        return 1 if self.dry else len(self.memory_start)
+
+    @property
+    def presliding(self) -> int:
+        """Which parameter is the presliding displacement of dry friction."""
+        return next(i for i, p in enumerate(self.parameters) if p.name == PRESLIDING[0].name)
 
     @property
     def memory_kinds(self) -> tuple[str, ...]:
@@ -414,8 +426,8 @@ class PlaceFinder:
 def _add_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:
     """The places, and all of them where something moves at once, if the effect may act so.
 
-    A parameter is then named after the place that it belongs to. Parameters are all amplitudes, or none is;
-    then the search begins with the same at every place.
+    A parameter is then named after the place that it belongs to. The search begins with the same shape at
+    every place.
     """
     moving = [placed for placed in places if placed.scales.reach > 0.0]
     if len(moving) < 2 or not moving[0].effect.acts_everywhere:
@@ -423,7 +435,8 @@ def _add_joint_placement(places: list[PlacedEffect]) -> list[PlacedEffect]:
     effect, parameters = moving[0].effect, []
     for placed in moving:
         parameters += [replace(p, name=f"{p.name} {placed.location}") for p in effect.parameters]
-    same = tuple(point * len(moving) for point in itertools.product(*(p.grid for p in effect.parameters)))
-    joint, grid = replace(effect, parameters=tuple(parameters)), None if effect.amplitudes else same
+    points = itertools.product(*(effect.parameters[i].grid for i in effect.shapes))
+    grid = tuple(point * len(moving) for point in points)
+    joint = replace(effect, parameters=tuple(parameters))
     everywhere = PlacedEffect(joint, moving[0].scales, moving[0].variant, grid=grid, parts=tuple(moving))
     return [*places, everywhere]

@@ -112,3 +112,14 @@ class EffectParameter:
     prior: Normal
     grid: tuple[float, ...] = ()  # values that the search tries first; empty for an amplitude
     label: str = ""  # how it is called in a sentence, by default its name
+
+
+PRESLIDING = (
+    EffectParameter("presliding", "coordinate", log_normal(0.003, 2.0), (0.0003, 0.01)),
+    EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,)),
+)
+"""How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
+
+Presliding is 1 to 100 um in bearings and gears, against motions of millimetres to metres; the damping is 1 in
+Canudas de Wit et al., 1995, doi:10.1109/9.376053.
+"""

@@ -22,7 +22,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import Linearization, Shooti
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
-from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, roll_out_batch
+from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, integrate_presliding, roll_out_batch
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
 Placed = Sequence[tuple[PlacedEffect, np.ndarray]]
@@ -94,7 +94,7 @@ class RolloutModel:
     ) -> np.ndarray:
         fields = self._fields(placed, nuisance)
         u, u_of = self._inputs(placed, len(nuisance))
-        laws, along, seen, inertia, theta, memory = self._laws(placed, len(nuisance), windows)
+        laws, geometry, theta, memory = self._laws(placed, len(nuisance), windows)
         model = self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
         coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
@@ -102,9 +102,7 @@ class RolloutModel:
             model.basis.arrays,
             (*coefficients, model.width, model.rest),
             laws,
-            along,
-            seen,
-            inertia,
+            geometry,
             theta,
             memory,
             np.ascontiguousarray(starts),
@@ -160,8 +158,8 @@ class RolloutModel:
 
     def _laws(
         self, placed: Placed, n_sets: int, windows: WindowSet
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Laws, directions, inertias, parameters and memories of all slots, as the kernel takes them."""
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray, np.ndarray]:
+        """Laws, geometry, parameters and memories of all slots, as the kernel takes them."""
         forces = [
             (effect, acts, sees, place, theta)
             for place, theta in placed
@@ -170,6 +168,7 @@ class RolloutModel:
         ]
         n, d = len(forces), self.model.d
         laws, along, seen, inertia = np.zeros(n, np.int64), np.zeros((n, d)), np.zeros((n, d)), np.zeros(n)
+        bristles = np.full(n, -1)
         tables = []
         n_memory = max([effect.n_memory for effect, *_ in forces], default=0)
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
@@ -179,13 +178,24 @@ class RolloutModel:
             fixed = np.array((*effect.constants(place.scales, place.variant), *place.constants))
             law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
             tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
-            if effect.n_memory:
+            if place.variant in effect.dry:
+                bristles[slot] = effect.presliding
+                begin = self._presliding(acts, theta[:, effect.presliding])
+                memory[:, :, slot, 0] = begin[:, windows.first]
+            elif effect.memory_start:
                 begin = self._memory(effect, acts, tables[-1], initial)
                 memory[:, :, slot, : effect.n_memory] = begin[:, windows.first]
         table = np.zeros((n_sets, n, max([1, *(values.shape[1] for values in tables)])))
         for slot, values in enumerate(tables):
             table[:, slot, : values.shape[1]] = values
-        return laws, along, seen, inertia, table, memory
+        return laws, (along, seen, inertia, bristles), table, memory
+
+    def _presliding(self, direction: Direction, displacement: np.ndarray) -> Float64[np.ndarray, "P N"]:
+        """Share of dry friction at every frame along the smoothed motion, by presliding displacement (P,)."""
+        distinct, which = np.unique(displacement, return_inverse=True)
+        out = np.empty((len(distinct), len(self.dataset.time)))
+        integrate_presliding(distinct, self.dataset.smooth @ direction.covector, self.dataset.clips, out)
+        return out[which]
 
     def _memory(
         self, effect: ForceEffect, direction: Direction, theta: np.ndarray, initial: np.ndarray

@@ -240,11 +240,11 @@ def _scale_start(
 
     ``x`` (k,) are the parameters of the last effect, ``base`` is the fit of those before it.
     """
-    known, n = sum(placed.size for placed in effects[:-1]), effects[-1].effect.amplitudes
-    if not n:
+    known, amplitudes = sum(placed.size for placed in effects[:-1]), effects[-1].effect.amplitudes
+    if not len(amplitudes):
         return np.concatenate([base.x[:known], x, base.x[known:]])
     tried = np.repeat(x[None], len(SELECTION.start_shares), axis=0)
-    tried[:, :n] *= np.array(SELECTION.start_shares)[:, None]
+    tried[:, amplitudes] *= np.array(SELECTION.start_shares)[:, None]
     whole = np.stack([np.concatenate([base.x[:known], row, base.x[known:]]) for row in tried])
     y = problem.predict(effects)(whole, np.repeat(base.starts[None], len(whole), axis=0))
     misfit = np.sum(((problem.data.y - y) * problem.data.weight) ** 2, axis=(1, 2, 3))

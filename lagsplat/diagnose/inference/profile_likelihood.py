@@ -238,8 +238,8 @@ def _effect_signature(problem: EstimationProblem, hypothesis: HypothesisFit) -> 
     Of an effect without amplitudes, as a delay, it is the full change.
     """
     amplitudes = hypothesis.effects[0].effect.amplitudes
-    if amplitudes:
-        change = hypothesis.fit.slopes[..., :amplitudes] @ hypothesis.fit.x[:amplitudes]
+    if len(amplitudes):
+        change = hypothesis.fit.slopes[..., amplitudes] @ hypothesis.fit.x[amplitudes]
         return change.reshape(problem.data.y.shape)
     x, starts = hypothesis.fit.x[None], hypothesis.fit.starts[None]
     with_it = problem.predict(hypothesis.effects)(x, starts)[0]

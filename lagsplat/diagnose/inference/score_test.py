@@ -53,11 +53,11 @@ def score_test(
     for candidate in candidates:
         if not candidate.changes_motion:
             continue
-        n, tried = candidate.effect.amplitudes, []
+        tried = []
         for x, change in _trial_changes(coarse, effects, there, candidate):
             gain, amount = _score_gain(there, linear, prior, change, candidate)
-            if n:
-                x[:n] = amount
+            if len(candidate.effect.amplitudes):
+                x[candidate.effect.amplitudes] = amount
             tried.append((gain, x))
         tried.sort(key=lambda row: -row[0])
         if tried:
@@ -97,20 +97,21 @@ def _trial_changes(
 
     The change is the derivative by each of the ``n`` amplitudes; without amplitudes it is the full one.
     """
-    n, parameters = candidate.effect.amplitudes, candidate.effect.parameters
+    parameters, amplitudes = candidate.effect.parameters, candidate.effect.amplitudes
+    shapes, n = candidate.effect.shapes, len(amplitudes)
     grid = candidate.grid
     if grid is None:
-        grid = tuple(itertools.product(*(p.grid for p in parameters[n:])))
-    step = [0.01 * p.prior.deviation for p in parameters[:n]]
-    points, sets = [], []
+        grid = tuple(itertools.product(*(parameters[i].grid for i in shapes)))
+    step = [0.01 * parameters[i].prior.deviation for i in amplitudes]
+    moves = np.diag(step) @ np.eye(len(parameters))[amplitudes]
+    points: list[np.ndarray] = []
+    sets: list[np.ndarray] = []
     for point in grid:
-        shape = [p.prior.unknown(value) for p, value in zip(parameters[n:], point, strict=True)]
-        points.append(np.array([0.0] * n + shape))
-        for i in range(max(n, 1)):
-            x = points[-1].copy()
-            if n:
-                x[i] += step[i]
-            sets.append(x)
+        points.append(np.zeros(len(parameters)))
+        points[-1][shapes] = [
+            parameters[i].prior.unknown(value) for i, value in zip(shapes, point, strict=True)
+        ]
+        sets += [points[-1] + move for move in moves] if n else [points[-1]]
     known = sum(placed.size for placed in effects)
     whole = np.stack([np.concatenate([fit.x[:known], x, fit.x[known:]]) for x in sets])
     starts = np.repeat(fit.starts[None], len(whole), axis=0)
@@ -134,7 +135,7 @@ def _score_gain(
 ) -> tuple[float, np.ndarray]:
     """Misfit that the best amount of a change removes, and that amount, all other parameters refitted."""
     residual, slopes, start_slopes = linear
-    k, amplitudes = slopes.shape[2], candidate.effect.parameters[: candidate.effect.amplitudes]
+    k, amplitudes = slopes.shape[2], [candidate.effect.parameters[i] for i in candidate.effect.amplitudes]
     left = shooting.eliminate_starts(residual, np.concatenate([slopes, change], axis=2), start_slopes)
     gradient = left.right.copy()
     # the penalty counts as well: an effect gains by letting the nuisance parameters return

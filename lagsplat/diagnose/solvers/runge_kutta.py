@@ -6,7 +6,14 @@ law returns an acceleration ``f(t, s, ds/dt, ...)``, and ``p m f`` is added to t
 being the reference inertia along ``p``. Force laws are compiled one by one and passed by their addresses, so
 that a new effect compiles alone and one rollout serves all of them.
 
-Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1.
+Dry friction is LuGre's: a law says how large it is in motion, and damped bristles that bend by a presliding
+displacement hold what rests. They bear a share of it between -1 and 1, which is the memory of its slot. The
+share is constant over a step and corrected after it by an implicit step, so that bristles may be far stiffer
+than a step resolves; infinitely stiff ones are set-valued friction.
+
+Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1; Canudas de Wit,
+Olsson, Astrom and Lischinsky, "A new model for control of systems with friction", 1995,
+doi:10.1109/9.376053.
 """
 
 import math
@@ -109,7 +116,7 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
 @no_type_check
 def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, memory_rate):
     """Add the laws' forces to ``rate`` (2 d, R), and write the rates of their memories (R, slots, Z)."""
-    along, seen, inertia, rest = geometry
+    along, seen, inertia, bristles, rest = geometry
     d = rest.shape[0]
     for slot in range(inertia.shape[0]):
         reference = inertia[slot]
@@ -121,15 +128,20 @@ def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, m
                 spring += along[slot, i] * work[i, r]
                 drive += along[slot, i] * work[d + i, r]
             values, z, z_rate = theta[sets[r], slot], memory[r, slot], memory_rate[r, slot]
-            f = _call_law(laws[slot], t[r], s, v, spring / reference, drive / reference, z, values, z_rate)
+            share = 1.0
+            if bristles[slot] >= 0:
+                share, v = abs(z[0]), math.copysign(v, z[0])
+            f = share * _call_law(
+                laws[slot], t[r], s, v, spring / reference, drive / reference, z, values, z_rate
+            )
             for i in range(d):
                 rate[d + i, r] += along[slot, i] * reference * f
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
-def _solve(a, b):
-    """Replace the second half of ``b`` (2 d, R) by the solution for ``a`` (d, d, R), which is overwritten."""
+def _factorize(a):
+    """Overwrite the lower triangle of ``a`` (d, d, R) with its Cholesky factor, the diagonal inverted."""
     d, n = a.shape[0], a.shape[2]
     for j in range(d):
         for k in range(j):
@@ -141,6 +153,13 @@ def _solve(a, b):
         for i in range(j + 1, d):
             for r in range(n):
                 a[i, j, r] *= a[j, j, r]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _solve(a, b):
+    """Replace the second half of ``b`` (2 d, R) by the solution for the factor ``a`` (d, d, R)."""
+    d, n = a.shape[0], a.shape[2]
     for i in range(d):
         for k in range(i):
             for r in range(n):
@@ -196,10 +215,11 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
 
     ``u`` (3, n_u, R) are the inputs at the start, middle and end of the step.
     """
-    phi, x, waves, work, m, a, y, total, rate, z, z_total, z_rate = scratch
+    phi, x, waves, work, m, a, y, total, rate, z, z_total, z_rate, before = scratch
+    before[:] = state
     for stage in range(4):
         at = 0 if stage == 0 else (2 if stage == 3 else 1)  # in half steps
-        before, weight = 0.0 if stage == 0 else 1.0, 2.0 if at == 1 else 1.0
+        kept, weight = 0.0 if stage == 0 else 1.0, 2.0 if at == 1 else 1.0
         for i in range(len(state)):
             for r in range(len(h)):
                 y[i, r] = state[i, r] + 0.5 * at * h[r] * rate[i, r]
@@ -207,16 +227,67 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
         evaluate_basis(basis, y, x, waves, phi)
         _compute_forces(fields, phi, y, u[at], rate, work, m, a)
         _add_force_laws(laws, geometry, sets, theta, t + 0.5 * at * h, y, z, work, rate, z_rate)
+        _factorize(m)
         _solve(m, rate)
         for i in range(len(state)):
             for r in range(len(h)):
-                total[i, r] = before * total[i, r] + weight * rate[i, r]
+                total[i, r] = kept * total[i, r] + weight * rate[i, r]
         for r, slot, i in np.ndindex(memory.shape):
-            z_total[r, slot, i] = before * z_total[r, slot, i] + weight * z_rate[r, slot, i]
+            z_total[r, slot, i] = kept * z_total[r, slot, i] + weight * z_rate[r, slot, i]
     for i in range(len(state)):
         for r in range(len(h)):
             state[i, r] += h[r] / 6.0 * total[i, r]
     _add_memory(memory, 1.0 / 6.0, h, z_total, memory)
+    _correct_dry_friction(laws, geometry, sets, theta, t + h, h, state, memory, scratch)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _correct_dry_friction(laws, geometry, sets, theta, t, h, state, memory, scratch):
+    """Correct the shares of dry friction after a step of times ``h`` (R,), and the states (2 d, R) by that.
+
+    Where the motion turned within the step, the correction acts since then. ``scratch`` holds the state
+    before the step, and the forces and the factor of the mass at its last stage.
+    """
+    _, _, _, work, m, _, y, _, _, _, _, nothing, before = scratch
+    along, _, inertia, bristles, rest = geometry
+    d = rest.shape[0]
+    for slot in range(inertia.shape[0]):
+        if bristles[slot] < 0:
+            continue
+        reference = inertia[slot]
+        for i in range(d):
+            y[d + i] = along[slot, i]
+        _solve(m, y)
+        for r in range(len(t)):
+            s, v, spring, drive, mobility, begin = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for i in range(d):
+                s += along[slot, i] * (state[i, r] - rest[i])
+                v += along[slot, i] * state[d + i, r]
+                begin += along[slot, i] * before[d + i, r]
+                spring += along[slot, i] * work[i, r] / reference
+                drive += along[slot, i] * work[d + i, r] / reference
+                mobility += along[slot, i] * y[d + i, r] * reference
+            values, share, z_rate = theta[sets[r], slot], memory[r, slot, 0], nothing[r, slot]
+            forward = -_call_law(laws[slot], t[r], s, abs(v), spring, drive, memory[r, slot], values, z_rate)
+            backward = _call_law(laws[slot], t[r], s, -abs(v), spring, drive, memory[r, slot], values, z_rate)
+            since = h[r] if begin * v >= 0.0 else h[r] * abs(v) / (abs(v) + abs(begin))
+            old = share * (forward if share > 0.0 else backward)
+            presliding, ratio = values[bristles[slot]], values[bristles[slot] + 1]
+            way, pull = math.copysign(1.0, v), since / presliding
+            level = forward if share + pull * v > 0.0 else backward
+            damping = ratio * math.sqrt(level * presliding / mobility)
+            # share' = (v - |v| share) / presliding, backwards: a quadratic equation of the share at the end
+            far = pull * (abs(v) + mobility * (since * old + damping * share) * way)
+            c = way * share + far
+            a = pull * mobility * (since * level + damping)
+            b = 1.0 + far + a
+            new = way * min(max(2.0 * c / (b + math.sqrt(max(b * b - 4.0 * a * c, 0.0))), -1.0), 1.0)
+            impulse = (since * (new * level - old) + damping * (new - share)) * reference
+            memory[r, slot, 0] = new
+            for i in range(d):
+                state[d + i, r] -= impulse * y[d + i, r]
+                state[i, r] -= 0.5 * since * impulse * y[d + i, r]
 
 
 @njit(cache=True)
@@ -228,7 +299,7 @@ def _make_scratch(n_functions, state, memory):
     forces = np.empty((n_functions, n)), np.empty((d, n)), np.empty((2, d, n)), np.empty((two_d, n))
     sums = np.empty((two_d, n)), np.zeros((two_d, n)), np.zeros((two_d, n))
     memories = np.empty_like(memory), np.zeros_like(memory), np.zeros_like(memory)
-    return *forces, np.empty((d, d, n)), np.empty(n), *sums, *memories
+    return *forces, np.empty((d, d, n)), np.empty(n), *sums, *memories, np.empty((two_d, n))
 
 
 @njit(cache=True)
@@ -288,7 +359,7 @@ def _roll_out_side_by_side(
 
 @no_type_check
 def roll_out_batch(
-    basis, fields, laws, along, seen, inertia, theta, memory, starts, first, length, time, u, u_of, steps, out
+    basis, fields, laws, geometry, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """Write the states at the frames of every window, for every set of parameters, compiled and in threads.
 
@@ -298,8 +369,10 @@ def roll_out_batch(
         basis: kind, order, centre and scale of the basis, and both arrays of `Basis.derivatives`.
         fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
             drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
-        laws, along, seen, inertia: addresses of compiled force laws (slots,), the directions (slots, d) in
-            which they act and that they see, and the reference inertia along the first (slots,).
+        laws: addresses of compiled force laws (slots,).
+        geometry: the directions (slots, d) in which they act and that they see, the reference inertia along
+            the first (slots,), and where dry friction has its presliding displacement among the parameters,
+            followed by the damping of its bristles over ``sqrt(stiffness mass)``, or -1 (slots,).
         theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
             (P, W, slots, Z).
         starts: initial states (P, W, 2 d).
@@ -310,7 +383,7 @@ def roll_out_batch(
         steps: Runge-Kutta steps between two frames.
         out: states (P, W, L, 2 d), written. A diverged rollout stays at `DIVERGED_SCALES`.
     """
-    geometry = along, seen, inertia, fields[-1]
+    geometry = *geometry, fields[-1]
 
     def roll_out(jobs: np.ndarray) -> None:
         _roll_out_side_by_side(
@@ -356,3 +429,24 @@ def integrate_memory(law, theta, time, motion, clips, begin, out):
                         _call_law(law, t, x[0], x[1], x[2], x[3], y, theta[p], rate)
                     for i in range(n_z):
                         z[i] += h * rate[i]
+
+
+@njit(cache=True)
+@no_type_check
+def integrate_presliding(displacement, s, clips, out):
+    """Write the share of dry friction along a recorded motion that is linear between frames, compiled.
+
+    Args:
+        displacement: presliding displacements (P,).
+        s: coordinate at the frames (N,).
+        clips: first frame and end of each clip (C, 2).
+        out: shares at the frames (P, N), written; where a clip begins they are full, by the way it goes.
+    """
+    for p in range(len(displacement)):
+        for clip in range(clips.shape[0]):
+            first, end = clips[clip]
+            out[p, first] = np.sign(s[min(first + 1, end - 1)] - s[first])
+            for n in range(first + 1, end):
+                far = (s[n] - s[n - 1]) / displacement[p]
+                way = math.copysign(1.0, far)
+                out[p, n] = way - (way - out[p, n - 1]) * math.exp(-abs(far))

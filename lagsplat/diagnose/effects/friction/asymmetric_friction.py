@@ -1,10 +1,11 @@
 """Friction that differs between both directions, dry or viscous."""
 
 import math
+from collections.abc import Mapping
 
-from lagsplat.diagnose.effects.base import ForceEffect
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Scales
+from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal, Scales
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 VISCOUS = "viscous"
@@ -12,14 +13,21 @@ VISCOUS = "viscous"
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-forward`` or ``backward`` by the sign of ``v``, times a smooth step or the speed."""
-    shape = v * theta[3] if theta[3] > 0.0 else math.tanh(v / theta[2])
+    """Return ``-forward`` or ``backward`` by the sign of ``v``, times that or the speed."""
+    shape = v * theta[4] if theta[4] > 0.0 else math.copysign(1.0, v)
     return -(theta[0] if v > 0.0 else theta[1]) * shape
 
 
 def _constants(scales: Scales, variant: str) -> tuple[float, ...]:
-    """Speed over which dry friction is smooth, and what makes a speed a share of the rms, or zero."""
-    return (0.02 * scales.velocity, 1.0 / scales.velocity if variant == VISCOUS else 0.0)
+    """What makes a speed a share of the rms, or zero for dry friction."""
+    return (1.0 / scales.velocity if variant == VISCOUS else 0.0,)
+
+
+def _report_parameters(p: Mapping[str, float], placed: PlacedEffect) -> dict[str, float]:
+    """Viscous friction per second, without what only dry friction has."""
+    if placed.variant != VISCOUS:
+        return dict(p)
+    return {name: p[name] / placed.scales.velocity for name in ("forward", "backward")}
 
 
 EFFECT = ForceEffect(
@@ -31,6 +39,7 @@ EFFECT = ForceEffect(
     parameters=(
         EffectParameter("forward", "acceleration", HalfNormal(0.2)),
         EffectParameter("backward", "acceleration", HalfNormal(0.2)),
+        *PRESLIDING,
     ),
     needs="motion in both directions at several speeds",
     excitation=lambda m: make_grade(
@@ -43,10 +52,9 @@ EFFECT = ForceEffect(
     variant_units={VISCOUS: "1/s"},
     law=force,
     constants=_constants,
+    dry=("",),
     passive=True,
-    report_parameters=lambda p, placed: {
-        name: value * (_constants(placed.scales, placed.variant)[1] or 1.0) for name, value in p.items()
-    },
+    report_parameters=_report_parameters,
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     mujoco="friction loss and damping of a joint are the same in both directions.",
     title="friction that differs between both directions",

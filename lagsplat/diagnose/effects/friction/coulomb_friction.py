@@ -1,4 +1,4 @@
-"""Coulomb friction, smooth within a small speed: ``Q = -m acceleration tanh(v / 0.02 rms v)``."""
+"""Coulomb friction: ``Q = -m acceleration sign(v)`` in motion; bristles hold what rests."""
 
 import math
 from collections.abc import Mapping
@@ -6,14 +6,14 @@ from typing import Any
 
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
+from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-acceleration sign(v)``, smoothed near zero."""
-    return -theta[0] * math.tanh(v / theta[1])
+    """Return ``-acceleration sign(v)``."""
+    return -math.copysign(theta[0], v)
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -29,7 +29,7 @@ EFFECT = ForceEffect(
     number=1,
     component="dissipative",
     equation="a = -acceleration sign(v)",
-    parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
+    parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)), *PRESLIDING),
     needs="a decay down to rest, or slow reversals",
     excitation=lambda m: make_grade(
         m.reversals >= 6 and (m.amplitude_ratio > 2.0 or m.rest_periods > 0.5),
@@ -40,7 +40,7 @@ EFFECT = ForceEffect(
     acts_everywhere=True,
     between_variants=("",),
     law=force,
-    constants=lambda scales, variant: (0.02 * scales.velocity,),
+    dry=("",),
     passive=True,
     confusable_with=("stribeck_friction", "load_dependent_friction", "hysteresis", "input_dead_zone"),
     mujoco=to_mujoco,

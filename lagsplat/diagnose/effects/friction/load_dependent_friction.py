@@ -8,14 +8,14 @@ import math
 from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
+from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-(acceleration + load_factor |load|) sign(v)``; the load is between spring and drive."""
-    return -(theta[1] + theta[0] * abs(spring - drive)) * math.tanh(v / theta[2])
+    return -math.copysign(theta[1] + theta[0] * abs(spring - drive), v)
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -36,13 +36,13 @@ EFFECT = ForceEffect(
     parameters=(
         EffectParameter("load_factor", "ratio", HalfNormal(0.2)),
         EffectParameter("acceleration", "acceleration", HalfNormal(0.1)),
+        *PRESLIDING,
     ),
     needs_all_forces=True,
     needs="two static loads or poses",
     law=force,
-    constants=lambda scales, variant: (0.02 * scales.velocity,),
+    dry=("",),
     passive=True,
-    report_parameters=lambda p, placed: {"acceleration": p["acceleration"], "load_factor": p["load_factor"]},
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on the load that it carries.",

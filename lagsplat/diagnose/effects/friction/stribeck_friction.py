@@ -7,7 +7,7 @@ import math
 
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
+from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
@@ -15,7 +15,7 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-coulomb (1 + excess exp(-(v/velocity)^2)) sign(v)``."""
     ratio = v / theta[2]
-    return -theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)) * math.tanh(v / theta[3])
+    return -math.copysign(theta[0] * (1.0 + theta[1] * math.exp(-ratio * ratio)), v)
 
 
 EFFECT = ForceEffect(
@@ -28,6 +28,7 @@ EFFECT = ForceEffect(
         EffectParameter("coulomb", "acceleration", HalfNormal(0.2)),
         EffectParameter("excess", "ratio", HalfNormal(1.0), (0.3, 1.0)),
         EffectParameter("velocity", "velocity", log_normal(0.3, 0.8), (0.1, 0.3, 0.8)),
+        *PRESLIDING,
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
     excitation=lambda m: make_grade(
@@ -38,12 +39,13 @@ EFFECT = ForceEffect(
     ),
     between_variants=("",),
     law=force,
-    constants=lambda scales, variant: (0.02 * scales.velocity,),
+    dry=("",),
     passive=True,
     report_parameters=lambda p, placed: {
         "coulomb": p["coulomb"],
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
+        **{parameter.name: p[parameter.name] for parameter in PRESLIDING},
     },
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on its speed.",
