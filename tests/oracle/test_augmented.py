@@ -29,6 +29,7 @@ from lagsplat.pipelines.apply_diagnosis import apply_diagnosis
 from tests.unit.diagnose.toys import bare
 
 STIFF, DAMPED, GAIN = 40.0, 0.4, 12.0
+RUBBING = [0.1, -6.0, 0.0]  # unknowns of Coulomb friction
 SCALES = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.01, duration_s=10.0)
 
 
@@ -93,16 +94,15 @@ def test_a_bare_sim_moves_as_scipy_says(held: bool) -> None:
 
 def test_an_effect_moves_as_its_equation_says() -> None:
     drive = uneven()
-    acceleration, coefficient = 2.0, 7.0
+    drag, coefficient = 0.6, 7.0
     one = sim(
-        ("coulomb_friction", [acceleration / SCALES.of("acceleration")]),
+        ("quadratic_drag", [drag / SCALES.of("per_coordinate")]),
         ("cubic_stiffness", [coefficient / SCALES.of("cubic")]),
     )
     q, _ = simulate_augmented(one, drive, q=np.array([0.5]))
-    width = 0.02 * SCALES.velocity
 
     def extra(t: float, q: float, v: float) -> float:
-        return -acceleration * np.tanh(v / width) - coefficient * q**3
+        return -drag * abs(v) * v - coefficient * q**3
 
     np.testing.assert_allclose(
         q[:, 0], reference(drive, held=False, start=(0.5, 0.0), extra=extra), atol=1e-4
@@ -113,7 +113,7 @@ def test_an_effect_moves_as_its_equation_says() -> None:
 def moved() -> AugmentedSimulator:
     """With effects of every kind and with uncertainties that a diagnosis has moved."""
     one = sim(
-        ("input_delay", [0.3]), ("coulomb_friction", [0.1]), ("creep", [0.2, 0.1]), ("time_offset", [-0.1])
+        ("input_delay", [0.3]), ("coulomb_friction", RUBBING), ("creep", [0.2, 0.1]), ("time_offset", [-0.1])
     )
     size = one.nuisance.directions.shape[1]
     spare = NuisanceParameters(
@@ -162,7 +162,7 @@ def test_a_push_is_an_acceleration_and_no_effect_touches_it() -> None:
 
 
 def test_what_feeds_energy_is_not_bounded() -> None:
-    assert sim(("coulomb_friction", [0.1]), ("input_lag", [0.1]), ("viscous_damping", [0.1])).bounded
+    assert sim(("coulomb_friction", RUBBING), ("input_lag", [0.1]), ("viscous_damping", [0.1])).bounded
     assert not sim(("viscous_damping", [-0.1])).bounded
     assert not sim(("external_push", [0.1, 0.0, 0.0, *[1.0] * 3, *[0.0] * 3])).bounded
 
@@ -225,7 +225,7 @@ def test_the_command_line_simulates_and_applies(tmp_path: Path, capsys: pytest.C
 def test_apply_adds_the_effects_to_a_sim_of_python(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     region = OperatingRegion(*(rng.uniform(-1.0, 1.0, (300, 1)) for _ in range(3)))
-    one = replace(sim(("coulomb_friction", [0.1])), region=region)
+    one = replace(sim(("coulomb_friction", RUBBING)), region=region)
     save_augmented(tmp_path / "augmented.safetensors", one, {})
     save_json(tmp_path / "diagnosis.json", {"verdict": "effect"})
     (tmp_path / "mine.py").write_text("def rates(q, v, u):\n    return -40.0 * q - 0.4 * v + 12.0 * u\n")

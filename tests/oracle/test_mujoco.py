@@ -11,7 +11,7 @@ from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.augmented.mujoco_export import patch_augmented
 from lagsplat.diagnose.augmented.simulate import AppliedSignals, simulate_augmented
 from lagsplat.diagnose.effects.base import Direction, InputEffect, PlacedEffect
-from lagsplat.diagnose.effects.parameters import LogNormal, Scales
+from lagsplat.diagnose.effects.parameters import PRESLIDING, LogNormal, Scales
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -132,7 +132,7 @@ def added(
     place = PlacedEffect(effect, SCALES, variant, along, at if on_input else None)
     x = []
     for p in effect.parameters:
-        value = values.get(p.name, 0.0)
+        value = values.get(p.name, p.grid[0] if p in PRESLIDING else 0.0)
         if p.kind == "log_ratio":
             x.append(np.log(value))
         elif isinstance(p.prior, LogNormal):

@@ -193,7 +193,7 @@ def test_model_and_kernel_and_energies_agree_on_the_acceleration() -> None:
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("d", [1, 2, 4])
 def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
-    """Load-dependent friction, creep and a hidden mode, each along a direction of its own."""
+    """Hysteresis, creep and a hidden mode, each along a direction of its own."""
     model, known = wild(d, 1, seed=7), catalogue()
     time, u = uneven(24 if d < 4 else 12, 1, seed=8)
     rng = np.random.default_rng(9)
@@ -203,36 +203,101 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
         Direction(f"p{i}", p, m, float(p @ model.rest))
         for i, (p, m) in enumerate(zip(along, heavy, strict=True))
     ]
-    names = ("load_dependent_friction", "creep", "hidden_mode")
+    names = ("hysteresis", "creep", "hidden_mode")
     effects = [
         PlacedEffect(known[name], UNIT, direction=place) for name, place in zip(names, places, strict=True)
     ]
-    factor, level, ratio, constant, mass, omega, zeta = 0.2, 0.4, 0.3, 0.25, 0.2, 9.0, 0.05
+    level, far, ratio, constant, mass, omega, zeta = 0.4, 0.6, 0.3, 0.25, 0.2, 9.0, 0.05
     unknown_level = level / UNIT.of("acceleration")
-    x = [factor, unknown_level, ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
+    x = [unknown_level, math.log(far), ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
 
     def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
-        q, v, (late, s2, v2) = state[:d], state[d : 2 * d], state[2 * d :]
+        q, v, (bent, late, s2, v2) = state[:d], state[d : 2 * d], state[2 * d :]
         s = [float(p @ (q - model.rest)) for p in along]
         w = [float(p @ v) for p in along]
         pull = omega**2 * (s2 - s[2]) + 2.0 * zeta * omega * (v2 - w[2])
 
         def further(spring: np.ndarray, drive: np.ndarray) -> np.ndarray:
-            load = abs(float(along[0] @ (spring - drive))) / heavy[0]
-            rub = -(level + factor * load) * math.tanh(w[0] / 0.02)
+            rub = -level * bent
             back = -ratio * UNIT.stiffness * (s[1] - late)
             return sum(p * m * f for p, m, f in zip(along, heavy, (rub, back, mass * pull), strict=True))
 
+        bending = (w[0] - 0.5 * abs(w[0]) * bent - 0.5 * w[0] * abs(bent)) / far
         return np.concatenate(
-            [v, accelerate(model, q, v, now, further), [(s[1] - late) / constant, v2, -pull]]
+            [v, accelerate(model, q, v, now, further), [bending, (s[1] - late) / constant, v2, -pull]]
         )
 
     q0, v0 = rng.normal(0.0, 0.5, d), rng.normal(0.0, 0.6, d)
-    memory = [along[1] @ (q0 - model.rest), along[2] @ (q0 - model.rest), along[2] @ v0]
+    memory = [0.0, along[1] @ (q0 - model.rest), along[2] @ (q0 - model.rest), along[2] @ v0]
     truth = followed(time, u, held, np.concatenate([q0, v0, memory]), rate)
     windows = WindowSet(np.array([0]), np.array([len(time)]))
     y, _ = rolled(model, time, u, truth[:, : 2 * d], windows, effects, x, held=held, steps=32)
     assert np.abs(y[0] - truth[:, :d]).max() < 2e-5
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
+    """Load-dependent friction along a direction of its own, whose bristles the steps resolve."""
+    model, known = wild(d, 1, seed=7), catalogue()
+    time, u = uneven(60, 1, seed=8)
+    rng = np.random.default_rng(9)
+    along, heavy, factor, level, presliding, damping = rng.normal(size=d), 1.3, 0.2, 6.0, 0.03, 0.8
+    place = Direction("p", along, heavy, float(along @ model.rest))
+    x = [factor, level / UNIT.of("acceleration"), math.log(presliding), math.log(damping)]
+    mobility = heavy * float(along @ np.linalg.solve(model.inertia, along))
+
+    def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
+        q, v, share = state[:d], state[d : 2 * d], state[2 * d]
+        w = float(along @ v)
+        bending = (w - abs(w) * share) / presliding
+
+        def further(spring: np.ndarray, drive: np.ndarray) -> np.ndarray:
+            most = level + factor * abs(float(along @ (spring - drive))) / heavy
+            grip = most * share + damping * math.sqrt(most * presliding / mobility) * bending
+            return -along * heavy * grip
+
+        return np.concatenate([v, accelerate(model, q, v, now, further), [bending]])
+
+    start = np.concatenate([rng.normal(0.0, 0.5, d), 0.1 * along])
+    truth = followed(time, u, False, np.concatenate([start, [1.0]]), rate)
+    turns = np.sum(np.diff(np.sign(truth[:, d : 2 * d] @ along)) != 0.0)
+    assert turns >= 2
+    windows, effects = (
+        WindowSet(np.array([0]), np.array([60])),
+        [PlacedEffect(known["load_dependent_friction"], UNIT, direction=place)],
+    )
+    off = []
+    for steps in (4, 16, 64):
+        y, _ = rolled(model, time, u, truth[:, : 2 * d], windows, effects, x, held=False, steps=steps)
+        off.append(float(np.abs(y[0] - truth[:, :d]).max() / np.ptp(truth[:, :d])))
+    assert off[0] < 0.05
+    assert off[2] < 0.3 * off[1] < 0.09 * off[0]
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_friction_of_stiff_bristles_is_set_valued(steps: int) -> None:
+    """An oscillator loses the same at each turn and rests off its equilibrium, for good."""
+    omega, level = 2.0 * math.pi, 2.0
+    basis = make_polynomial_basis(2, centre=np.zeros(1), scale=np.ones(1))
+    model = MechanicalModel(
+        *(basis, np.ones((1, 1, 1)), np.zeros((1, 1, 1)), np.array([0.0, 0.0, 0.5 * omega**2])),
+        *(np.zeros((1, 0, 1)), np.zeros(1), np.zeros(1), np.ones(1), np.zeros(1)),
+    )
+    time = np.arange(401) / 40.0
+    band = level / omega**2
+    turn = np.minimum(np.floor(2.0 * time), 9.0)
+    side = (-1.0) ** turn
+    truth = side * band + (1.0 - (2.0 * turn + 1.0) * band) * np.cos(omega * time)
+    truth[time > 5.0] = truth[200]
+    effect = PlacedEffect(catalogue()["coulomb_friction"], UNIT, direction=Direction("q", np.ones(1), 1.0))
+    states = np.stack([truth, np.gradient(truth, time)], axis=1)
+    states[0] = 1.0, 0.0
+    x = [level / UNIT.of("acceleration"), math.log(1e-12), 0.0]
+    windows = WindowSet(np.array([0]), np.array([len(time)]))
+    y, v = rolled(model, time, np.zeros((401, 0)), states, windows, [effect], x, held=False, steps=steps)
+    assert np.abs(y[0, :, 0] - truth).max() < 4e-4 / steps**1.5
+    assert np.ptp(y[0, 210:, 0]) == 0.0
+    assert np.abs(v[0, 210:]).max() < 1e-15
 
 
 def test_memories_are_carried_along_the_record_to_where_a_window_begins() -> None:

@@ -24,7 +24,7 @@ from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 
-KIND, SCHEMA = "augmented", 3
+KIND, SCHEMA = "augmented", 4
 FIELDS = (*COEFFICIENT_FIELDS, "width", "rest")
 BASIS = ("kind", "order", "centre", "scale")
 REGION = ("q", "v", "u")

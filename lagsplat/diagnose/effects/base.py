@@ -124,7 +124,7 @@ class Effect(EffectDescription):
     def with_free_memory(self, clips: Sequence[int]) -> Self:
         """The same effect with a memory that may begin anywhere in ``clips``."""
         beginnings = (
-            EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,))
+            EffectParameter(f"memory {i} of clip {c}", kind, Normal(1.0), (0.0,), reported=False)
             for c in clips
             for i, kind in enumerate(self.memory_kinds)
         )

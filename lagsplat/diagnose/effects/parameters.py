@@ -112,11 +112,12 @@ class EffectParameter:
     prior: Normal
     grid: tuple[float, ...] = ()  # values that the search tries first; empty for an amplitude
     label: str = ""  # how it is called in a sentence, by default its name
+    reported: bool = True  # belongs to the mechanism, and not to a recording or to an approximation
 
 
 PRESLIDING = (
     EffectParameter("presliding", "coordinate", log_normal(0.003, 2.0), (0.0003, 0.01)),
-    EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,)),
+    EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,), reported=False),
 )
 """How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
 

@@ -120,7 +120,7 @@ def list_published_parameters(
 ) -> dict[str, Any]:
     """Parameters of an effect for unknowns ``x`` by published key; times are on the clocks of their files."""
     effect, named = placed.effect, placed.name_parameters(x)
-    fitted: dict[str, Any] = {n: value for n, value in named.items() if not n.startswith("memory ")}
+    fitted: dict[str, Any] = {p.name: named[p.name] for p in effect.parameters if p.reported}
     published = effect.report_parameters(fitted, placed) if effect.report_parameters else fitted
     if "times" in published:
         places = [record.to_file_time(time) for time in published["times"]]

@@ -45,7 +45,7 @@ EFFECT = ForceEffect(
         "coulomb": p["coulomb"],
         "static": p["coulomb"] * (1.0 + p["excess"]),
         "velocity": p["velocity"],
-        **{parameter.name: p[parameter.name] for parameter in PRESLIDING},
+        "presliding": p["presliding"],
     },
     confusable_with=("coulomb_friction", "load_dependent_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on its speed.",

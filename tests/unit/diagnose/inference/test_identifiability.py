@@ -120,4 +120,4 @@ def test_numbers_that_no_single_unknown_makes_have_no_profile(driven: Estimation
         one.parameter
         for one in compute_profiles(driven, fitted(driven, "stribeck_friction"), noise_inflation=TEMPER)
     }
-    assert told <= {"coulomb", "velocity"}
+    assert told <= {"coulomb", "velocity", "presliding"}
