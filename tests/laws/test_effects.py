@@ -157,11 +157,11 @@ def starts(bench: RolloutModel) -> np.ndarray:
 def usual(one: PlacedEffect) -> np.ndarray:
     """Unknowns of the size that is expected, with the shapes of the first guess."""
     effect = one.effect
-    grid = one.grid[0] if one.grid else tuple(p.grid[0] for p in effect.parameters[effect.amplitudes :])
-    shapes = [p.prior.unknown(g) for p, g in zip(effect.parameters[effect.amplitudes :], grid, strict=True)]
-    return np.array(
-        [p.prior.mean + p.prior.deviation for p in effect.parameters[: effect.amplitudes]] + shapes
-    )
+    x = np.array([p.prior.mean + p.prior.deviation for p in effect.parameters])
+    shapes = [effect.parameters[i] for i in effect.shapes]
+    grid = one.grid[0] if one.grid else tuple(p.grid[0] for p in shapes)
+    x[effect.shapes] = [p.prior.unknown(g) for p, g in zip(shapes, grid, strict=True)]
+    return x
 
 
 def absent(one: PlacedEffect) -> np.ndarray:
@@ -169,8 +169,8 @@ def absent(one: PlacedEffect) -> np.ndarray:
     if one.parts:
         return np.concatenate([absent(part) for part in one.parts])
     x = usual(one)
-    if one.effect.amplitudes:
-        x[: one.effect.amplitudes] = 0.0
+    if len(one.effect.amplitudes):
+        x[one.effect.amplitudes] = 0.0
         return x
     if isinstance(one.effect.parameters[0].prior, LogNormal):
         limits = ("input_saturation", "torque_speed_limit")
@@ -233,7 +233,7 @@ def test_slopes_by_forward_steps_are_central_differences_to_a_part_in_a_hundred(
     for one in offers(bench):
         if isinstance(one.effect, SampleEffect) or one.effect.name == "external_push":
             continue  # the prior of the time of a push is as wide as the day; its step is a matter of its own
-        x = 0.7 * usual(one) if one.effect.amplitudes else usual(one)
+        x = 0.7 * usual(one) if len(one.effect.amplitudes) else usual(one)
         for i, parameter in enumerate(one.effect.parameters):
             step = np.zeros(len(x))
             step[i] = 1e-3 * min(parameter.prior.deviation, 1.0)
@@ -310,11 +310,10 @@ def test_priors_are_densities_and_parameters_come_back(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
-def test_shapes_have_guesses_and_amplitudes_have_none(name: str) -> None:
+def test_what_cannot_be_zero_has_guesses(name: str) -> None:
     effect = EFFECTS[name]
-    assert all(not p.grid for p in effect.parameters[: effect.amplitudes])
-    if not isinstance(effect, SampleEffect) and name != "load_dependent_friction":
-        assert all(p.grid for p in effect.parameters[effect.amplitudes :])
+    if not isinstance(effect, SampleEffect):
+        assert all(p.grid for p in effect.parameters if isinstance(p.prior, LogNormal))
     assert effect.equation
     assert effect.needs
     assert effect.group in "ABCDEFG"

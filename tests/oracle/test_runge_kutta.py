@@ -244,12 +244,12 @@ def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
     along, heavy, factor, level, presliding, damping = rng.normal(size=d), 1.3, 0.2, 6.0, 0.03, 0.8
     place = Direction("p", along, heavy, float(along @ model.rest))
     x = [factor, level / UNIT.of("acceleration"), math.log(presliding), math.log(damping)]
-    mobility = heavy * float(along @ np.linalg.solve(model.inertia, along))
 
     def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
         q, v, share = state[:d], state[d : 2 * d], state[2 * d]
         w = float(along @ v)
         bending = (w - abs(w) * share) / presliding
+        mobility = heavy * float(along @ np.linalg.solve(model.mass_at(q[None])[0], along))
 
         def further(spring: np.ndarray, drive: np.ndarray) -> np.ndarray:
             most = level + factor * abs(float(along @ (spring - drive))) / heavy
@@ -258,7 +258,7 @@ def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
 
         return np.concatenate([v, accelerate(model, q, v, now, further), [bending]])
 
-    start = np.concatenate([rng.normal(0.0, 0.5, d), 0.1 * along])
+    start = np.concatenate([rng.normal(0.0, 0.5, d), along / (along @ along)])
     truth = followed(time, u, False, np.concatenate([start, [1.0]]), rate)
     turns = np.sum(np.diff(np.sign(truth[:, d : 2 * d] @ along)) != 0.0)
     assert turns >= 2
