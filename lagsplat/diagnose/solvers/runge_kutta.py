@@ -8,7 +8,7 @@ that a new effect compiles alone and one rollout serves all of them.
 
 Dry friction is LuGre's: a law says how large it is in motion, and damped bristles that bend by a presliding
 displacement hold what rests. They bear a share of it between -1 and 1, which is the memory of its slot. The
-share is constant over a step and corrected after it by an implicit step, so that bristles may be far stiffer
+share is constant over a step and corrected after it by an implicit rule, so that bristles may be far stiffer
 than a step resolves; infinitely stiff ones are set-valued friction.
 
 Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.1; Canudas de Wit,
@@ -241,6 +241,13 @@ def _advance(basis, fields, laws, geometry, theta, sets, t, h, u, state, memory,
     _correct_dry_friction(laws, geometry, sets, theta, t + h, h, state, memory, scratch)
 
 
+@njit(cache=True, inline="always")
+@no_type_check
+def _choose_theta(stiffness):
+    """Weight of a step's end: a half where the step resolves what happens, one where that is stiff."""
+    return (1.0 + stiffness) / (2.0 + stiffness)
+
+
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
 def _correct_dry_friction(laws, geometry, sets, theta, t, h, state, memory, scratch):
@@ -271,23 +278,30 @@ def _correct_dry_friction(laws, geometry, sets, theta, t, h, state, memory, scra
             values, share, z_rate = theta[sets[r], slot], memory[r, slot, 0], nothing[r, slot]
             forward = -_call_law(laws[slot], t[r], s, abs(v), spring, drive, memory[r, slot], values, z_rate)
             backward = _call_law(laws[slot], t[r], s, -abs(v), spring, drive, memory[r, slot], values, z_rate)
-            since = h[r] if begin * v >= 0.0 else h[r] * abs(v) / (abs(v) + abs(begin))
+            since = h[r]
+            if begin * v < 0.0:
+                since, begin = h[r] * abs(v) / (abs(v) + abs(begin)), 0.0
             old = share * (forward if share > 0.0 else backward)
             presliding, ratio = values[bristles[slot]], values[bristles[slot] + 1]
             way, pull = math.copysign(1.0, v), since / presliding
             level = forward if share + pull * v > 0.0 else backward
             damping = ratio * math.sqrt(level * presliding / mobility)
-            # share' = (v - |v| share) / presliding, backwards: a quadratic equation of the share at the end
-            far = pull * (abs(v) + mobility * (since * old + damping * share) * way)
-            c = way * share + far
-            a = pull * mobility * (since * level + damping)
-            b = 1.0 + far + a
-            new = way * min(max(2.0 * c / (b + math.sqrt(max(b * b - 4.0 * a * c, 0.0))), -1.0), 1.0)
-            impulse = (since * (new * level - old) + damping * (new - share)) * reference
+            # share' = (v - |v| share) / presliding: a quadratic equation of the share at the end; the rule is
+            # the trapezoid's where the step resolves the bristles, and goes backwards where it does not
+            theta_v, theta_s = _choose_theta(pull * since * mobility * level), _choose_theta(pull * abs(v))
+            held = theta_v * since
+            far = pull * ((1.0 - theta_v) * abs(begin) + theta_v * abs(v))
+            far += pull * theta_v * mobility * (held * old + damping * share) * way
+            a = pull * theta_v * mobility * (held * level + damping)
+            rest_share = 1.0 - (1.0 - theta_s) * way * share
+            b, c = 1.0 + theta_s * far + a * rest_share, way * share + far * rest_share
+            root = math.sqrt(max(b * b - 4.0 * theta_s * a * c, 0.0))
+            new = way * min(max(2.0 * c / (b + root), -1.0), 1.0)
+            impulse = (held * (new * level - old) + damping * (new - share)) * reference
             memory[r, slot, 0] = new
             for i in range(d):
                 state[d + i, r] -= impulse * y[d + i, r]
-                state[i, r] -= 0.5 * since * impulse * y[d + i, r]
+                state[i, r] -= (theta_v / 3.0 + 1.0 / 6.0) * since * impulse * y[d + i, r]
 
 
 @njit(cache=True)
