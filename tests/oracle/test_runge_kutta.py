@@ -207,9 +207,10 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
     effects = [
         PlacedEffect(known[name], UNIT, direction=place) for name, place in zip(names, places, strict=True)
     ]
-    level, far, ratio, constant, mass, omega, zeta = 0.4, 0.6, 0.3, 0.25, 0.2, 9.0, 0.05
+    level, far, power, ratio, constant, mass, omega, zeta = 0.4, 0.6, 1.5, 0.3, 0.25, 0.2, 9.0, 0.05
     unknown_level = level / UNIT.of("acceleration")
-    x = [unknown_level, math.log(far), ratio, math.log(constant), mass, math.log(omega), math.log(zeta)]
+    x = [unknown_level, math.log(far), math.log(power), ratio, math.log(constant)]
+    x += [mass, math.log(omega), math.log(zeta)]
 
     def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
         q, v, (bent, late, s2, v2) = state[:d], state[d : 2 * d], state[2 * d :]
@@ -222,7 +223,7 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
             back = -ratio * UNIT.stiffness * (s[1] - late)
             return sum(p * m * f for p, m, f in zip(along, heavy, (rub, back, mass * pull), strict=True))
 
-        bending = (w[0] - 0.5 * abs(w[0]) * bent - 0.5 * w[0] * abs(bent)) / far
+        bending = w[0] * (1.0 - 0.5 * abs(bent) ** power * (1.0 + np.sign(w[0] * bent))) / far
         return np.concatenate(
             [v, accelerate(model, q, v, now, further), [bending, (s[1] - late) / constant, v2, -pull]]
         )

@@ -1,4 +1,4 @@
-"""Rate-independent hysteresis by the Bouc-Wen law (Dahl's, at this exponent).
+"""Rate-independent hysteresis by the Bouc-Wen law.
 
 Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780470513200.
 """
@@ -11,9 +11,9 @@ from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-acceleration z`` with ``dz/dt = (v - |v| z / 2 - v |z| / 2) / displacement``."""
+    """Return ``-acceleration z`` with ``dz/dt = v (1 - |z|^exponent (1 + sign(v z)) / 2) / displacement``."""
     z = memory[0]
-    d_memory[0] = (v - 0.5 * abs(v) * z - 0.5 * v * abs(z)) / theta[1]
+    d_memory[0] = v * (1.0 - abs(z) ** theta[2] if v * z > 0.0 else 1.0) / theta[1]
     return -theta[0] * z
 
 
@@ -22,10 +22,11 @@ EFFECT = ForceEffect(
     group="D",
     number=1,
     component="memory",
-    equation="a = -acceleration z, displacement dz/dt = v - |v| z / 2 - v |z| / 2",
+    equation="a = -acceleration z, displacement dz/dt = v (1 - |z|^exponent (1 + sign(v z)) / 2)",
     parameters=(
         EffectParameter("acceleration", "acceleration", HalfNormal(0.3)),
         EffectParameter("displacement", "coordinate", log_normal(0.4, 0.8), (0.15, 0.4, 1.0)),
+        EffectParameter("exponent", "ratio", log_normal(1.5, 0.5), (1.5,)),
     ),
     needs="slow cycles at three amplitudes",
     excitation=lambda m: make_grade(

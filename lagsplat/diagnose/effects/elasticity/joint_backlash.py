@@ -2,14 +2,14 @@
 
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
-from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
+from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
 
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``omega^2 clip(s, -gap, gap)``, which cancels the spring within the gap."""
-    return theta[1] * min(max(s, -theta[0]), theta[0])
+    """Return ``share omega^2 clip(s, -gap, gap)``, which cancels a share of the spring within the gap."""
+    return theta[0] * theta[2] * min(max(s, -theta[1]), theta[1])
 
 
 EFFECT = ForceEffect(
@@ -17,8 +17,11 @@ EFFECT = ForceEffect(
     group="D",
     number=3,
     component="conservative",
-    equation="a = omega^2 clip(s, -gap, gap)",
-    parameters=(EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),),
+    equation="a = share omega^2 clip(s, -gap, gap)",
+    parameters=(
+        EffectParameter("share", "ratio", HalfNormal(1.0)),
+        EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),
+    ),
     needs="a decay through small amplitudes",
     excitation=lambda m: make_grade(
         m.amplitude_ratio > 3.0 and m.reversals >= 8,
