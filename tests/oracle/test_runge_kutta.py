@@ -275,15 +275,35 @@ def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
     assert off[2] < 0.3 * off[1] < 0.09 * off[0]
 
 
+def spring(omega: float) -> MechanicalModel:
+    """An oscillator without losses."""
+    basis = make_polynomial_basis(2, centre=np.zeros(1), scale=np.ones(1))
+    return MechanicalModel(
+        *(basis, np.ones((1, 1, 1)), np.zeros((1, 1, 1)), np.array([0.0, 0.0, 0.5 * omega**2])),
+        *(np.zeros((1, 0, 1)), np.zeros(1), np.zeros(1), np.ones(1), np.zeros(1)),
+    )
+
+
+def test_what_rests_where_a_window_begins_is_held() -> None:
+    """However it came to rest, within the band that friction can hold; beyond it, it moves."""
+    omega, level = 2.0 * math.pi, 2.0
+    effect = PlacedEffect(catalogue()["coulomb_friction"], UNIT, direction=Direction("q", np.ones(1), 1.0))
+    x = [level / UNIT.of("acceleration"), math.log(0.02), 0.0]
+    time = np.arange(80) / 40.0
+    for share, moves in ((0.95, False), (-0.5, False), (1.3, True)):
+        states = np.tile([share * level / omega**2, 0.0], (80, 1))
+        windows = WindowSet(np.array([0]), np.array([80]))
+        no_inputs = np.zeros((80, 0))
+        y, _ = rolled(spring(omega), time, no_inputs, states, windows, [effect], x, held=False, steps=1)
+        assert (np.abs(y[0, :, 0] - states[:, 0]).max() > 1e-3) == moves
+        assert moves or np.abs(y[0, :, 0] - states[:, 0]).max() < 1e-12
+
+
 @pytest.mark.parametrize("steps", [1, 4])
 def test_friction_of_stiff_bristles_is_set_valued(steps: int) -> None:
     """An oscillator loses the same at each turn and rests off its equilibrium, for good."""
     omega, level = 2.0 * math.pi, 2.0
-    basis = make_polynomial_basis(2, centre=np.zeros(1), scale=np.ones(1))
-    model = MechanicalModel(
-        *(basis, np.ones((1, 1, 1)), np.zeros((1, 1, 1)), np.array([0.0, 0.0, 0.5 * omega**2])),
-        *(np.zeros((1, 0, 1)), np.zeros(1), np.zeros(1), np.ones(1), np.zeros(1)),
-    )
+    model = spring(omega)
     time = np.arange(401) / 40.0
     band = level / omega**2
     turn = np.minimum(np.floor(2.0 * time), 9.0)

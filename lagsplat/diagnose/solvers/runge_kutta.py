@@ -304,6 +304,50 @@ def _correct_dry_friction(laws, geometry, sets, theta, t, h, state, memory, scra
                 state[i, r] -= (theta_v / 3.0 + 1.0 / 6.0) * since * impulse * y[d + i, r]
 
 
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _settle_bristles(basis, fields, laws, geometry, theta, sets, t, u, state, memory, scratch):
+    """Let dry friction bear what pulls at states (2 d, R) that rest, where windows begin.
+
+    A recorded motion that rests does not tell how far bristles are bent. It rests, where friction can bear
+    what pulls, as far as its energy is below that of bent bristles.
+    """
+    phi, x, waves, work, m, a, y, _, rate, _, _, z_rate, _ = scratch
+    along, _, inertia, bristles, rest = geometry
+    d = rest.shape[0]
+    evaluate_basis(basis, state, x, waves, phi)
+    for slot in range(inertia.shape[0]):
+        if bristles[slot] < 0:
+            continue
+        recorded = memory[:, slot, 0].copy()
+        memory[:, slot, 0] = 0.0
+        _compute_forces(fields, phi, state, u, rate, work, m, a)
+        _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, z_rate)
+        _factorize(m)
+        for i in range(d):
+            y[d + i] = along[slot, i]
+        _solve(m, y)
+        for r in range(len(t)):
+            s, v, pull, spring, drive, mobility = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for i in range(d):
+                s += along[slot, i] * (state[i, r] - rest[i])
+                v += along[slot, i] * state[d + i, r]
+                pull += y[d + i, r] * rate[d + i, r]
+                spring += along[slot, i] * work[i, r] / inertia[slot]
+                drive += along[slot, i] * work[d + i, r] / inertia[slot]
+                mobility += along[slot, i] * y[d + i, r] * inertia[slot]
+            values, towards = theta[sets[r], slot], math.copysign(abs(v), pull)
+            most = mobility * abs(
+                _call_law(
+                    laws[slot], t[r], s, towards, spring, drive, memory[r, slot], values, z_rate[r, slot]
+                )
+            )
+            energy = v * v / (most * values[bristles[slot]])
+            memory[r, slot, 0] = recorded[r]
+            if abs(pull) < most and energy < 1.0:
+                memory[r, slot, 0] += (1.0 - energy) ** 2 * (pull / most - recorded[r])
+
+
 @njit(cache=True)
 @no_type_check
 def _make_scratch(n_functions, state, memory):
@@ -367,6 +411,10 @@ def _roll_out_side_by_side(
                 t[r] = time[now[r]] + step * h[r]
                 for at in range(3):
                     inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
+            if frame == 0 and step == 0:
+                _settle_bristles(
+                    basis, own, laws, geometry, theta, sets, t, inputs[0], state, memories, scratch
+                )
             _advance(basis, own, laws, geometry, theta, sets, t, h, inputs, state, memories, scratch)
             _hold_diverged(state, memories, rest, reach, lost)
 
