@@ -7,7 +7,7 @@ import lagsplat
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.effects.registry import catalogue, register_effect
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -35,7 +35,7 @@ import math
 
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -135,7 +135,7 @@ class Effect(EffectDescription):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceEffect(Effect):
-    """A force along one direction: see `lagsplat.diagnose.solvers.runge_kutta` for the law."""
+    """A force along one direction: see `lagsplat.diagnose.solvers.force_laws` for the law."""
 
     law: Any
     excitation: Callable[[ExcitationMeasures], Grade]

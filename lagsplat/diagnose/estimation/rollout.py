@@ -22,7 +22,9 @@ from lagsplat.diagnose.estimation.multiple_shooting import Linearization, Shooti
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
-from lagsplat.diagnose.solvers.runge_kutta import integrate_memory, integrate_presliding, roll_out_batch
+from lagsplat.diagnose.solvers.dry_friction import integrate_presliding
+from lagsplat.diagnose.solvers.force_laws import integrate_memory
+from lagsplat.diagnose.solvers.runge_kutta import roll_out_batch
 from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
 Placed = Sequence[tuple[PlacedEffect, np.ndarray]]

@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 
 from lagsplat.diagnose.mechanics.basis import differentiate_basis, evaluate_basis
-from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES, MIN_PIVOT
+from lagsplat.diagnose.solvers.cholesky import MIN_PIVOT
+from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES
 from lagsplat.diagnose.solvers.threads import run_in_threads
 
 

@@ -8,7 +8,7 @@ import math
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -8,7 +8,7 @@ from typing import Any
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -6,7 +6,7 @@ Source: Merkin, "Introduction to the Theory of Stability", 1997, ch. 6, doi:10.1
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 GYROSCOPIC = "gyroscopic"
 

@@ -12,7 +12,7 @@ import numpy as np
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 SIDE = {"upper": 1.0, "lower": -1.0}
 LIMIT_IMPEDANCE = 0.005  # of a MuJoCo limit that adds its force to the others instead of taking their place

@@ -6,7 +6,7 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -15,7 +15,7 @@ from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasure
 from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 SPRING = "spring"
 SOFT = 0.1  # stiffness at rest, over the motion's mean square rate, below which a model counts as having none

@@ -9,7 +9,7 @@ from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.external.external_periodic_force import measure_recurrence, place_at_lines
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -14,7 +14,7 @@ from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.effects.base import Effect, ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

@@ -12,7 +12,7 @@ from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 N_PUSHES = 3  # most pushes in one recording; the law below is compiled for as many
 

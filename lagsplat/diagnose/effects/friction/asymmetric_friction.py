@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal, Scales
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 VISCOUS = "viscous"
 

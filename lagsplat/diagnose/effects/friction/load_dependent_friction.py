@@ -9,7 +9,7 @@ from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasure
 from lagsplat.diagnose.effects.base import ForceEffect, Grade
 from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law

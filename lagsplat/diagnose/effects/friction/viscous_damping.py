@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-from lagsplat.diagnose.solvers.runge_kutta import compile_force_law
+from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 
 @compile_force_law
