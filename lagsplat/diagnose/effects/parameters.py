@@ -116,7 +116,9 @@ class EffectParameter:
 
 
 PRESLIDING = (
-    EffectParameter("presliding", "coordinate", log_normal(0.003, 2.0), (0.0003, 0.01)),
+    EffectParameter(
+        "presliding", "coordinate", log_normal(0.003, 2.0), (0.0003, 0.01), label="presliding displacement"
+    ),
     EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,), reported=False),
 )
 """How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
