@@ -91,7 +91,8 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
 def test_the_sim_with_it_holds_each_place_by_itself() -> None:
     seen = contest([film(np.zeros_like)], model=coupled())
     both = offered(seen, "coulomb_friction")["everywhere"]
-    x = np.concatenate([[0.2, 0.3], np.zeros(seen.rollout_model.nuisance.size)])
+    unknowns = [0.2, -6.0, 0.0, 0.3, -6.0, 0.0]
+    x = np.concatenate([unknowns, np.zeros(seen.rollout_model.nuisance.size)])
     region = sample_operating_region(seen.rollout_model.dataset)
     joint = build_augmented(seen.rollout_model, [both], x, q_names=NAMES, u_names=("u0", "u1"), region=region)
     assert [one.location for one in joint.effects] == list(NAMES)
