@@ -253,7 +253,7 @@ def test_a_passive_effect_never_feeds_energy_over_a_closed_cycle(name: str) -> N
         for _ in range(4):
             x = [max(rng.normal(p.prior.mean, p.prior.deviation), p.prior.lowest) for p in effect.parameters]
             physical = PlacedEffect(effect, UNIT).to_physical(np.array([x]))[0]
-            theta = np.concatenate([physical, effect.constants(UNIT, variant)])
+            theta = np.concatenate([physical, effect.constants(UNIT, variant), np.zeros(2)])
             assert work(effect, theta, rng.normal(0.0, 0.4, 3), rng.uniform(1.0, 3.0)) <= 1e-5, (name, theta)
 
 

@@ -238,12 +238,12 @@ def test_three_forces_with_memories_act_at_once(d: int, held: bool) -> None:
 
 @pytest.mark.parametrize("d", [1, 2])
 def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
-    """Load-dependent friction along a direction of its own, whose bristles the steps resolve."""
+    """Load-dependent friction along a controlled direction, whose bristles the steps resolve."""
     model, known = wild(d, 1, seed=7), catalogue()
     time, u = uneven(60, 1, seed=8)
     rng = np.random.default_rng(9)
     along, heavy, factor, level, presliding, damping = rng.normal(size=d), 1.3, 0.2, 6.0, 0.03, 0.8
-    place = Direction("p", along, heavy, float(along @ model.rest))
+    place, gain = Direction("p", along, heavy, float(along @ model.rest)), 1.5
     x = [factor, level / UNIT.of("acceleration"), math.log(presliding), math.log(damping)]
 
     def rate(t: float, state: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -253,7 +253,9 @@ def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
         mobility = heavy * float(along @ np.linalg.solve(model.mass_at(q[None])[0], along))
 
         def further(spring: np.ndarray, drive: np.ndarray) -> np.ndarray:
-            most = level + factor * abs(float(along @ (spring - drive))) / heavy
+            most = level + factor * abs(
+                float(along @ (spring - drive)) / heavy + 2.0 * gain * float(along @ q)
+            )
             grip = most * share + damping * math.sqrt(most * presliding / mobility) * bending
             return -along * heavy * grip
 
@@ -263,10 +265,8 @@ def test_dry_friction_is_lugres_ever_closer_with_shorter_steps(d: int) -> None:
     truth = followed(time, u, False, np.concatenate([start, [1.0]]), rate)
     turns = np.sum(np.diff(np.sign(truth[:, d : 2 * d] @ along)) != 0.0)
     assert turns >= 2
-    windows, effects = (
-        WindowSet(np.array([0]), np.array([60])),
-        [PlacedEffect(known["load_dependent_friction"], UNIT, direction=place)],
-    )
+    windows, constants = WindowSet(np.array([0]), np.array([60])), (gain, place.rest)
+    effects = [PlacedEffect(known["load_dependent_friction"], UNIT, direction=place, constants=constants)]
     off = []
     for steps in (4, 16, 64):
         y, _ = rolled(model, time, u, truth[:, : 2 * d], windows, effects, x, held=False, steps=steps)

@@ -417,6 +417,18 @@ class PlaceFinder:
         """The effect along each coordinate, and everywhere at once if it may act so."""
         return _add_joint_placement(self._find_along(effect, variant, self.coordinates))
 
+    def find_along_controlled(self, effect: Effect) -> list[PlacedEffect]:
+        """The effect along each coordinate; its law gets the gain of the position controller, and the rest.
+
+        The gain is zero where no input is the coordinate's target.
+        """
+        gains = {i: gain for _, i, gain in self.targets}
+        along = self._find_along(effect, "", self.coordinates)
+        return [
+            replace(placed, constants=(gains.get(i, 0.0), self.coordinates[i].rest))
+            for i, placed in enumerate(along)
+        ]
+
     def _find_along(
         self, effect: Effect, variant: str, directions: Sequence[Direction]
     ) -> list[PlacedEffect]:

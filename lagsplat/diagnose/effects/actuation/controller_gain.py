@@ -19,12 +19,8 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate whose position target is an input."""
-    moving, along = {channel for channel, *_ in finder.inputs}, finder.find_along_coordinates(effect)
-    return [
-        replace(along[i], channel=channel, constants=(gain, finder.coordinates[i].rest))
-        for channel, i, gain in finder.targets
-        if channel in moving
-    ]
+    moving, along = {channel for channel, *_ in finder.inputs}, finder.find_along_controlled(effect)
+    return [replace(along[i], channel=channel) for channel, i, _ in finder.targets if channel in moving]
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:

@@ -12,7 +12,11 @@ from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return the drive within its limits less the drive; forward the limit is ``stall (1 - v / no_load)``."""
+    """Return the drive within its limits less the drive; forward the limit is ``stall (1 - v / no_load)``.
+
+    The pull of a position controller, ``-kp q``, is of the drive, though a simulator has it as a spring.
+    """
+    drive -= theta[2] * (s + theta[3])
     stall, speed = theta[0], v / theta[1]
     most = stall * min(max(1.0 - speed, 0.0), 1.0)
     least = -stall * min(max(1.0 + speed, 0.0), 1.0)
@@ -29,7 +33,7 @@ def grade_excitation(measures: ExcitationMeasures) -> Grade:
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
     """Along each coordinate that inputs drive."""
-    along = finder.find_along_coordinates(effect)
+    along = finder.find_along_controlled(effect)
     return [placed for placed in along if finder.inputs and placed.scales.drive > 0.0]
 
 

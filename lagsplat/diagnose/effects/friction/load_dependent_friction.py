@@ -14,8 +14,12 @@ from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-(acceleration + load_factor |load|) sign(v)``; the load is between spring and drive."""
-    return -math.copysign(theta[1] + theta[0] * abs(spring - drive), v)
+    """Return ``-(acceleration + load_factor |load|) sign(v)``; the load is what the drive bears.
+
+    The pull of a position controller, ``-kp q``, is of the drive, though a simulator has it as a spring.
+    """
+    pull = theta[4] * (s + theta[5])
+    return -math.copysign(theta[1] + theta[0] * abs(spring + pull - (drive - pull)), v)
 
 
 def grade_excitation(measures: ExcitationMeasures) -> Grade:
@@ -40,6 +44,7 @@ EFFECT = ForceEffect(
     ),
     needs_all_forces=True,
     needs="two static loads or poses",
+    place=lambda effect, finder: finder.find_along_controlled(effect),
     law=force,
     dry=("",),
     passive=True,

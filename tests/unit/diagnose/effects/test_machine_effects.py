@@ -125,10 +125,10 @@ def test_a_force_across_two_coordinates_is_skew(variant: str) -> None:
 
 def test_torque_falls_with_speed_in_the_way_of_the_drive_alone() -> None:
     law, memory = catalogue()["torque_speed_limit"].law.__wrapped__, np.zeros(0)  # type: ignore[attr-defined]
-    theta = np.array([6.0, 2.0])
+    theta, controlled = np.array([6.0, 2.0, 0.0, 0.0]), np.array([6.0, 2.0, 20.0, 0.1])
 
-    def torque(drive: float, v: float) -> float:
-        return drive + law(0.0, 0.0, v, 0.0, drive, memory, theta, memory)
+    def torque(drive: float, v: float, s: float = 0.0, theta: np.ndarray = theta) -> float:
+        return drive + law(0.0, s, v, 0.0, drive, memory, theta, memory)
 
     assert torque(2.0, 0.5) == pytest.approx(2.0)
     assert torque(9.0, 0.0) == pytest.approx(6.0)
@@ -136,6 +136,9 @@ def test_torque_falls_with_speed_in_the_way_of_the_drive_alone() -> None:
     assert torque(9.0, 3.0) == pytest.approx(0.0)
     assert torque(9.0, -3.0) == pytest.approx(6.0)
     assert torque(-9.0, -1.0) == pytest.approx(-3.0)
+    # a controller of gain 20 whose target is 0.5, at 0.4 and at 0.1: what it gives is 2 and 8
+    assert torque(10.0, 0.0, 0.3, controlled) == pytest.approx(10.0)
+    assert torque(10.0, 0.0, 0.0, controlled) == pytest.approx(10.0 - 2.0)
 
 
 def test_one_coordinate_of_constant_inertia_has_one_name_for_more_mass() -> None:
