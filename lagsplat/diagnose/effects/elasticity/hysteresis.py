@@ -12,7 +12,7 @@ from lagsplat.diagnose.solvers.force_laws import compile_force_law
 @compile_force_law
 def force(t, s, v, spring, drive, memory, theta, d_memory):
     """Return ``-acceleration z`` with ``dz/dt = v (1 - |z|^exponent (1 + sign(v z)) / 2) / displacement``."""
-    z = memory[0]
+    z = min(max(memory[0], -1.0), 1.0)  # a step that is long for the displacement overshoots
     d_memory[0] = v * (1.0 - abs(z) ** theta[2] if v * z > 0.0 else 1.0) / theta[1]
     return -theta[0] * z
 
