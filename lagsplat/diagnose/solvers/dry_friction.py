@@ -142,8 +142,9 @@ def settle_bristles(laws, geometry, sets, theta, t, state, recorded, memory, rat
             if abs(pull) < mobility * level and energy < 1.0:
                 share += (1.0 - energy) ** 2 * (pull / (mobility * level) - share)
             memory[r, slot, 0] = share
+            borne = share * (forward if share > 0.0 else backward)
             for i in range(d):
-                rate[d + i, r] -= along[slot, i] * inertia[slot] * level * share
+                rate[d + i, r] -= along[slot, i] * inertia[slot] * borne
 
 
 @njit(cache=True)
