@@ -112,7 +112,7 @@ class EffectParameter:
     prior: Normal
     grid: tuple[float, ...] = ()  # values that the search tries first; empty for an amplitude
     label: str = ""  # how it is called in a sentence, by default its name
-    reported: bool = True  # belongs to the mechanism, and not to a recording or to an approximation
+    reported: bool = True  # shown in a diagnosis; what only a recording or an approximation has is not
 
 
 PRESLIDING = (

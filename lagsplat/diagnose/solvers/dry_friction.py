@@ -42,6 +42,16 @@ def _measure_contact(law, along, reference, t, state, rest, work, y, values, not
     return v, forward, backward, mobility
 
 
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@no_type_check
+def _respond(along, m, y):
+    """Write the acceleration that a unit of force along a direction gives into the second half of ``y``."""
+    d = len(along)
+    for i in range(d):
+        y[d + i] = along[i]
+    solve_batch(m, y)
+
+
 @njit(cache=True, inline="always")
 @no_type_check
 def _choose_theta(stiffness):
@@ -88,9 +98,7 @@ def correct_dry_friction(laws, geometry, sets, theta, t, h, before, state, memor
     for slot in range(inertia.shape[0]):
         if bristles[slot] < 0:
             continue
-        for i in range(d):
-            y[d + i] = along[slot, i]
-        solve_batch(m, y)
+        _respond(along[slot], m, y)
         for r in range(len(t)):
             values = theta[sets[r], slot]
             v, forward, backward, mobility = _measure_contact(
@@ -126,9 +134,7 @@ def settle_bristles(laws, geometry, sets, theta, t, state, recorded, memory, rat
     for slot in range(inertia.shape[0]):
         if bristles[slot] < 0:
             continue
-        for i in range(d):
-            y[d + i] = along[slot, i]
-        solve_batch(m, y)
+        _respond(along[slot], m, y)
         for r in range(len(t)):
             values, pull = theta[sets[r], slot], 0.0
             v, forward, backward, mobility = _measure_contact(

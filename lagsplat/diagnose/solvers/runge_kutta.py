@@ -234,6 +234,7 @@ def _roll_out_side_by_side(
     scratch = _make_scratch(basis[0].shape[0], state, memories)
     inputs, t, h = np.empty((3, u.shape[-1], len(jobs))), np.empty(len(jobs)), np.empty(len(jobs))
     now, lost = np.empty(len(jobs), np.int64), np.zeros(len(jobs), np.bool_)
+    rubs = (geometry[3] >= 0).any()
     for frame in range(length[windows].max()):
         for r in range(len(jobs)):
             p, w = sets[r], windows[r]
@@ -249,7 +250,7 @@ def _roll_out_side_by_side(
                 t[r] = time[now[r]] + step * h[r]
                 for at in range(3):
                     inputs[at, :, r] = u[u_of[sets[r]], now[r], step, at]
-            if frame == 0 and step == 0:
+            if rubs and frame == 0 and step == 0:
                 _settle(basis, own, laws, geometry, theta, sets, t, inputs[0], state, memories, scratch)
             _advance(basis, own, laws, geometry, theta, sets, t, h, inputs, state, memories, scratch)
             _hold_diverged(state, memories, rest, reach, lost)

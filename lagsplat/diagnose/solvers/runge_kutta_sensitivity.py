@@ -15,37 +15,9 @@ import numpy as np
 from numba import njit
 
 from lagsplat.diagnose.mechanics.basis import differentiate_basis, evaluate_basis
-from lagsplat.diagnose.solvers.cholesky import MIN_PIVOT
+from lagsplat.diagnose.solvers.cholesky import factorize_single, solve_single
 from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES
 from lagsplat.diagnose.solvers.threads import run_in_threads
-
-
-@njit(cache=True)
-@no_type_check
-def _factorize_cholesky(a, d):
-    """Overwrite the lower triangle of a symmetric ``a`` (d, d) with its Cholesky factor, compiled."""
-    for j in range(d):
-        for k in range(j):
-            a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = math.sqrt(max(a[j, j], MIN_PIVOT))
-        for i in range(j + 1, d):
-            for k in range(j):
-                a[i, j] -= a[i, k] * a[j, k]
-            a[i, j] /= a[j, j]
-
-
-@njit(cache=True)
-@no_type_check
-def _solve_cholesky(a, b, d):
-    """Overwrite the second half of ``b`` (2 d,) with the solution for the Cholesky factor ``a``, compiled."""
-    for i in range(d):
-        for k in range(i):
-            b[d + i] -= a[i, k] * b[d + k]
-        b[d + i] /= a[i, i]
-    for i in range(d - 1, -1, -1):
-        for k in range(i + 1, d):
-            b[d + i] -= a[k, i] * b[d + k]
-        b[d + i] /= a[i, i]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -195,7 +167,7 @@ def _tangent(jacobian, m, g, s, unit, rate):
     for j in range(d):
         unit[:] = 0.0
         unit[d + j] = 1.0
-        _solve_cholesky(m, unit, d)
+        solve_single(m, unit, d)
         for i in range(d):
             factor = unit[d + i]
             for c in range(n):
@@ -211,8 +183,8 @@ def _rates(basis, fields, columns, x, s, u, scratch, rate, s_rate):
     evaluate_basis(basis, x[:d].reshape(d, 1), scaled, waves, phi.reshape(len(phi), 1))
     differentiate_basis(basis, phi, slope, curvature)
     _compute_forces(fields, phi, slope, x, u, rate, m)
-    _factorize_cholesky(m, d)
-    _solve_cholesky(m, rate, d)
+    factorize_single(m, d)
+    solve_single(m, rate, d)
     _jacobian(fields, x, u, rate, phi, slope, curvature, parts, jacobian)
     g[:] = 0.0
     _add_units(columns, fields[6], x, u, rate, phi, slope, g)
