@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.gapgen.controllers import under_control
-from benchmarks.gapgen.effect import NEEDS_INPUT, Effect, Setting
+from benchmarks.gapgen.effect import DISCREPANCIES, NEEDS_INPUT, Effect, Setting
 from benchmarks.gapgen.effects import maker
 from benchmarks.gapgen.files import (
     Stratum,
@@ -131,12 +131,16 @@ def _tolerated(
 def _oracle(
     bench: _Bench,
     effects: list[Effect],
+    further: list[Effect],
     clips: list[Clip],
     ys: list[Array],
     sigma: Array,
     rng: np.random.Generator,
 ) -> dict[str, float]:
-    """Gaps of the sim as delivered, with the effect added, and of the true mechanism here and on average."""
+    """Gaps of the sim as delivered, with the effect added, and of the true mechanism here and on average.
+
+    What ``further`` differs in nature is in the true mechanism alone.
+    """
     d, dt, n, burn, most = bench.base.d, bench.plan.dt_s, bench.horizon, bench.burn, bench.blocks[1]
     rms = np.sqrt((np.concatenate(ys) ** 2).mean(0))
     out = {"before": gap(bench.nominal.forecast(bare(clips, d), ys, dt, n, most, burn), ys, rms, burn)}
@@ -151,7 +155,7 @@ def _oracle(
         ]
         return gap(shown, samples, rms, burn)
 
-    truth = world_of(bench.base, effects)
+    truth = world_of(bench.base, effects + further)
     clean = [c.x[:, :d] for c in clips]
     clean = [reseen(q, t, effects) for q, t in zip(clean, times, strict=True)]
     out["after"] = by(truth, ys)
@@ -225,12 +229,12 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
         bench = replace(bench, least=1e-5, blocks=(400, 400) if whole else bench.blocks)
     base, size = _base(s, bench, rng)
     bench = replace(bench, base=base)
-    effects, targets, clips = _effects(s, bench, setting, rng)
+    effects, targets, further, clips = _effects(s, bench, setting, rng)
     clean = seen(clips, effects, m.d, dt)
     rms = np.sqrt((np.concatenate(clean) ** 2).mean(0))
     sigma = s.noise * rms
     samples = measured(clean, sigma, s.sensor, rng)
-    gaps = _oracle(bench, effects, clips, samples, sigma, rng)
+    gaps = _oracle(bench, effects, further, clips, samples, sigma, rng)
     offset = None
     if s.system == "soft_robot" and s.forced:
         offset = np.full(m.n_u, 1.1 * max(np.abs(u).max() for u in plan.inputs))
@@ -249,6 +253,7 @@ def draw(s: Stratum, rng: np.random.Generator, *, film_hz: float | None = None) 
         "rms": rms.tolist(),
         **_scales(m, setting),
         "found": effects,
+        "further": [{"kind": effect.name, "coordinate": effect.coordinate} for effect in further],
     }
     if s.controlled:
         truth["position_targets"] = _targets(m)
@@ -283,34 +288,44 @@ def _target(s: Stratum, k: int, rng: np.random.Generator) -> float:
 
 def _effects(
     s: Stratum, bench: _Bench, setting: Setting, rng: np.random.Generator
-) -> tuple[list[Effect], list[float], list[Clip]]:
-    """The effects of a stratum at their magnitudes, the ratios reached, and the true motion."""
+) -> tuple[list[Effect], list[float], list[Effect], list[Clip]]:
+    """The effects of a stratum at their magnitudes, the ratios reached, what further differs, the motion."""
     effects: list[Effect] = []
     ratios: list[float] = []
-    m = bench.base
     for k, name in enumerate(s.label):
         if name == "none":
             continue
         if name in NEEDS_INPUT and not s.forced:
             raise ValueError(f"{name} needs inputs; the stratum is free")
-        target = _target(s, k, rng)
-        for _ in range(1 if s.conditions is None else 6):
-            i, j = int(rng.integers(m.d)), int(rng.integers(m.n_u))
-            make = maker(name, setting, i, j, rng)
-            if setting.film and name in ("camera_change", "camera_drift"):
-                # coordinates have no gap that a picture's displacement could be sized by
-                effect, ratio = make(min(target / 20.0, 1.0)), target
-            else:
-                effect, ratio = _to_target(bench, make, target)
-            # a push between two clips, or a stop at a turn that hardly comes, misses its gap
-            if abs(np.log(ratio / target)) < 0.25:
-                break
+        effect, ratio = _sized(s, bench, setting, rng, name, _target(s, k, rng))
         effects.append(effect)
         ratios.append(ratio)
+    further: list[Effect] = []
+    if s.conditions is not None and s.conditions.discrepancy > 1.0:
+        name = str(rng.choice(DISCREPANCIES))
+        further = [_sized(s, bench, setting, rng, name, s.conditions.discrepancy)[0]]
     for _ in range(6):
         try:
-            return effects, ratios, world_of(m, effects).move(bench.plan)
+            clips = world_of(bench.base, effects + further).move(bench.plan)
+            return effects, ratios, further, clips
         except FloatingPointError:
-            effects = effects[:-1] if len(effects) > 1 else []
+            further, effects = [], effects if further else effects[:-1]
             ratios = ratios[: len(effects)]
     raise FloatingPointError("the mechanism escapes even without an effect")
+
+
+def _sized(
+    s: Stratum, bench: _Bench, setting: Setting, rng: np.random.Generator, name: str, target: float
+) -> tuple[Effect, float]:
+    """The named effect at a place of its own, sized to a gap over the floor, and the gap that it reached."""
+    for _ in range(1 if s.conditions is None else 6):
+        i, j = int(rng.integers(bench.base.d)), int(rng.integers(bench.base.n_u))
+        make = maker(name, setting, i, j, rng)
+        if setting.film and name in ("camera_change", "camera_drift"):
+            # coordinates have no gap that a picture's displacement could be sized by
+            return make(min(target / 20.0, 1.0)), target
+        effect, ratio = _to_target(bench, make, target)
+        # a push between two clips, or a stop at a turn that hardly comes, misses its gap
+        if abs(np.log(ratio / target)) < 0.25:
+            break
+    return effect, ratio

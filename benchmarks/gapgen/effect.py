@@ -61,6 +61,8 @@ OUTSIDE_WIDE = (
     "speed_softening",
 )
 OUTSIDE_FORCED = ("input_stiffness", "input_rectification", "resonant_actuator")
+DISCREPANCIES = tuple(name for name in OUTSIDE_WIDE if name not in OUTSIDE_FORCED)
+"""Laws by which nature differs from nominal equations and catalogue, beside what is to be found."""
 NEEDS_INPUT = (
     *ACTUATION,
     "input_gain",

@@ -175,11 +175,10 @@ class World:
             starts = np.arange(0, len(y) - n + 1, stride)
             if not len(starts):
                 continue
-            z = (
-                clip.x[starts, 2 * d :]
-                if clip.x.shape[1] == 2 * d + self.n_z
-                else np.zeros((len(starts), self.n_z))
-            )
+            # internal states of the effects that both have are the first
+            z = np.zeros((len(starts), self.n_z))
+            known = clip.x[starts, 2 * d : 2 * d + self.n_z]
+            z[:, : known.shape[1]] = known
             x0 = np.concatenate([y[starts], _slope(y, starts, dt_s, burn), z], 1)
             fine = clip.fine if self.effects and clip.n_sub == n_sub else self.drive(clip.u, dt_s, n_sub)
             out.append((k, starts, self._forecasts(x0, starts, clip.t0, dt_s, burn, n, n_sub, fine, y)))

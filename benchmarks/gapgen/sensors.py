@@ -34,7 +34,8 @@ class Conditions:
     ``rate_hz`` [Hz] is raised to twelve samples in the shortest natural period. ``ratios`` are the gaps over
     the floor that the effects are sized to, ``tolerance`` that of the nominal parameters alone, 1 where they
     are exact. ``sine`` is whether the inputs are of one frequency, ``controlled`` whether they are position
-    targets.
+    targets. ``discrepancy`` is the gap over the floor of a further law that neither the nominal equations nor
+    a catalogue hold, 1 where there is none.
     """
 
     rate_hz: float
@@ -43,6 +44,7 @@ class Conditions:
     tolerance: float
     sine: bool
     controlled: bool = False
+    discrepancy: float = 1.0
 
 
 def noisy(ys: list[Array], sigma: Array, rng: np.random.Generator) -> list[Array]:

@@ -28,7 +28,11 @@ SYSTEMS["held_back"] = HELD_BACK
 WIDE = ("calibration", "held_back")
 WIDE_NONE_SHARE, WIDE_PAIR_SHARE = 0.20, 0.12
 RATE_HZ, SPAN_S, NOISE_LEVEL, STEP = (20.0, 1000.0), (4.0, 60.0), (0.001, 0.03), (0.002, 0.02)
-RATIO, PAIR_RATIO = (1.2, 40.0), (3.0, 40.0)
+# gaps over the floor; at low noise they go on to a share of the motion
+LEAST_RATIO, LEAST_PAIR_RATIO, MOST_RATIO, MOST_GAP = 1.2, 3.0, 40.0, 0.4
+# nature's laws are never quite those of a catalogue: how often that shows, its share of the gap, and its gap
+# over the floor where nothing is to be found
+DISCREPANT, DISCREPANCY_SHARE, DISCREPANCY_ALONE = 0.6, (0.01, 0.2), (1.02, 1.3)
 NOISE, DURATION_S = (0.003, 0.01, 0.01, 0.03), (4.0, 18.0, 18.0, 60.0)
 # camera and timing count as two families, unlogged pushes as half of one
 WEIGHTS = {
@@ -137,6 +141,18 @@ def _tolerance(rng: np.random.Generator, ratios: tuple[float, ...], *, exact: bo
     return min([ratio, *(float(np.sqrt(1.0 + 0.15 * (r**2 - 1.0))) for r in ratios)])
 
 
+def _discrepancy(rng: np.random.Generator, ratios: tuple[float, ...]) -> float:
+    """Gap over the floor by which nature's laws differ from those of equations and catalogue."""
+    shows, share, alone = (
+        rng.random() < DISCREPANT,
+        _log_uniform(rng, DISCREPANCY_SHARE),
+        float(rng.uniform(*DISCREPANCY_ALONE)),
+    )
+    if not shows:
+        return 1.0
+    return float(np.hypot(1.0, share * np.sqrt(max(ratios) ** 2 - 1.0))) if ratios else alone
+
+
 def _shares(rng: np.random.Generator, n: int, shares: dict[str, float]) -> list[str]:
     """``n`` names in exact shares, shuffled."""
     return [str(x) for x in rng.permutation(_spread(rng, list(shares), list(shares.values()), n))]
@@ -164,13 +180,16 @@ def _wide(key: bytes, split: str, n: int, systems: str) -> list[Stratum]:
         # so that position control does not tell that its gains differ
         controlled = "controller_gain" in label or bool(rng.random() < CONTROLLED_SHARE)
         controlled = controlled and forced and system in CONTROLLED
-        bounds = RATIO if len(label) == 1 else PAIR_RATIO
-        ratios = tuple(_log_uniform(rng, bounds) for name in label if name != "none")
-        tolerance = _tolerance(rng, ratios, exact=k % 2 == 0)
         rate = _log_uniform(rng, RATE_HZ)
         span = min(_log_uniform(rng, SPAN_S), MOST_SAMPLES / rate)
         sensor, noise = _draw_sensor(rng, kinds[k], loses=losing[k] == "yes")
-        conditions = Conditions(rate, sensor, ratios, tolerance, forced and sine[k] == "yes", controlled)
+        bounds = LEAST_RATIO if len(label) == 1 else LEAST_PAIR_RATIO, max(MOST_RATIO, MOST_GAP / noise)
+        ratios = tuple(_log_uniform(rng, bounds) for name in label if name != "none")
+        discrepancy = 1.0 if label[0] in OUTSIDE_WIDE else _discrepancy(rng, ratios)
+        # what nature alone leaves uses up the gap that parameters may leave where there is nothing to find
+        tolerance = _tolerance(rng, ratios, exact=k % 2 == 0 or (not ratios and discrepancy > 1.0))
+        sine_input = forced and sine[k] == "yes"
+        conditions = Conditions(rate, sensor, ratios, tolerance, sine_input, controlled, discrepancy)
         out.append(Stratum(label, system, forced, noise, span, _bin_of(ratios), conditions))
     return [out[k] for k in rng.permutation(n)]
 

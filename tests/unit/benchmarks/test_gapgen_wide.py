@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.gapgen.controllers import under_control
 from benchmarks.gapgen.drawing import draw
-from benchmarks.gapgen.effect import MACHINE, NEEDS_INPUT, OUTSIDE, OUTSIDE_WIDE, Setting
+from benchmarks.gapgen.effect import DISCREPANCIES, MACHINE, NEEDS_INPUT, OUTSIDE, OUTSIDE_WIDE, Setting
 from benchmarks.gapgen.effects import maker
 from benchmarks.gapgen.files import MOST_SAMPLES, Stratum
 from benchmarks.gapgen.make import main
@@ -61,11 +61,23 @@ def test_shares_and_bounds_are_kept() -> None:
     assert len(told) == 300
     assert Counter(c.sensor.kind for c in told) == {"white": 150, "coloured": 75, "quantised": 75}
     assert sum(c.sensor.lost > 0.0 for c in told) == 60
-    assert sum(c.tolerance > 1.0 for s, c in zip(split, told, strict=True) if s.label == ("none",)) == 30
+    nothing = [s.conditions for s in split if s.conditions is not None and s.label == ("none",)]
+    off = [(c.tolerance > 1.0, c.discrepancy > 1.0) for c in nothing]
+    assert min(off.count((True, False)), off.count((False, True)), off.count((False, False))) > 5
+    assert (True, True) not in off
+    assert all(max(c.tolerance, c.discrepancy) <= 1.3 for c in nothing)
     assert all(c.rate_hz * s.duration_s <= MOST_SAMPLES + 1 for s, c in zip(split, told, strict=True))
     ratios = [r for c in told for r in c.ratios]
     assert min(ratios) < 1.6 < 30.0 < max(ratios)
-    assert all(1.2 <= r <= 40.0 for r in ratios)
+    assert all(
+        1.2 <= r <= max(40.0, 0.4 / s.noise) for s in split if s.conditions for r in s.conditions.ratios
+    )
+    for s in split:
+        if s.conditions is not None and s.conditions.ratios:
+            # nature's own laws are a small part of the gap, and none where the effect is such a law
+            assert s.conditions.discrepancy - 1.0 < 0.2 * max(s.conditions.ratios)
+            assert s.conditions.discrepancy == 1.0 or s.label[0] not in OUTSIDE_WIDE
+    assert 100 < sum(c.discrepancy > 1.0 for c in told if c.ratios) < 160
     assert all(s.forced for s in split if set(s.label) & set(NEEDS_INPUT))
 
 
@@ -126,6 +138,20 @@ def test_quantised_samples_lie_on_multiples_of_the_step() -> None:
     assert recording.truth["rate_hz"] == pytest.approx(90.0)
 
 
+def test_nature_differs_by_more_than_the_effect() -> None:
+    s = wide(Sensor(), "coulomb_friction")
+    assert s.conditions is not None
+    s = replace(s, noise=0.001, conditions=replace(s.conditions, tolerance=1.0, discrepancy=3.0))
+    truth = draw(s, np.random.default_rng(8)).truth
+    assert [effect.name for effect in truth["found"]] == ["coulomb_friction"]
+    (further,) = truth["further"]
+    assert further["kind"] in DISCREPANCIES
+    gap = truth["gap"]
+    # the effect in the sim leaves what further differs
+    assert gap["after"] / gap["floor"] < 1.5
+    assert 2.0 < gap["after_sim_plus_effect"] / gap["floor"] < 4.5
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_push_lies_where_it_is_felt(seed: int) -> None:
     s = replace(wide(Sensor(), "external_push"), forced=False, duration_s=12.0)
@@ -178,7 +204,8 @@ def test_the_answers_tell_source_and_conditions(tmp_path: Path) -> None:
     answers = [json.loads(line) for line in one.splitlines()]
     assert {a["source"] for a in answers} == {"own", "mujoco", "textbook"}
     for a in answers:
-        assert {"rate_hz", "sensor", "ratios", "tolerance", "sine", "controlled"} == set(a["conditions"])
+        conditions = {"rate_hz", "sensor", "ratios", "tolerance", "sine", "controlled", "discrepancy"}
+        assert conditions == set(a["conditions"])
         for path in (tmp_path / "one" / "data" / a["id"]).iterdir():
             assert path.read_bytes() == (tmp_path / "two" / "data" / a["id"] / path.name).read_bytes()
     with pytest.raises(SystemExit):
