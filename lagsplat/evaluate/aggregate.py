@@ -1,13 +1,14 @@
-"""Aggregate seeds into one row, compare two experiments window by window, and give intervals."""
+"""Aggregate seeds into one row, compare two experiments window by window, and give intervals.
+
+Tables of scores import this, so it uses neither torch nor `scipy.stats`, which take seconds to load.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.stats import t
-
-from lagsplat.evaluate.protocol import group_windows
+from scipy.special import stdtrit
 
 SPREAD_OVER_SEEDS = "median and range over seeds"
 SPREAD_OVER_WINDOWS = "one seed, 95 % interval over windows"
@@ -102,6 +103,19 @@ def paired_margin(
     }
 
 
+def group_windows(starts: Int64[np.ndarray, " B"], length: int) -> Int64[np.ndarray, " B"]:
+    """Number of the group of each window of ``length`` frames; the first windows of groups do not overlap.
+
+    There are as many distinct windows as groups. Errors of windows in one group are of the same motion.
+    """
+    groups, first, number = np.zeros(len(starts), dtype=np.int64), -length, -1
+    for i in np.argsort(starts, kind="stable"):
+        if starts[i] >= first + length:
+            first, number = starts[i], number + 1
+        groups[i] = number
+    return groups
+
+
 LEAST_GROUPS = 3  # of distinct windows: with two, the interval would be 25 standard errors wide
 
 
@@ -138,7 +152,7 @@ def jackknife_interval(
         without = np.log(without)
     degrees = len(numbers) - 1
     error = np.sqrt(degrees / len(numbers) * np.sum((without - without.mean()) ** 2))
-    half = float(t.ppf(0.5 + 0.5 * confidence, degrees) * error)
+    half = float(stdtrit(degrees, 0.5 + 0.5 * confidence) * error)
     if on_logarithm:
         with np.errstate(over="ignore"):
             return [middle * float(np.exp(-half)), middle * float(np.exp(half))]

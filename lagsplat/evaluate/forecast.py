@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.evaluate import protocol
-from lagsplat.evaluate.aggregate import jackknife_interval
+from lagsplat.evaluate.aggregate import group_windows, jackknife_interval
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut, squared_norm
 
@@ -71,7 +71,7 @@ def image_forecast(subject: EvaluationSubject, config: EvaluateConfig) -> dict[s
         part[:, :states].mean(axis=1) for part in (windows.error, windows.hold, windows.mean)
     )
     ahead = windows.error[:, 1:].mean(axis=1)
-    groups = protocol.group_windows(starts, states)
+    groups = group_windows(starts, states)
     interval = partial(jackknife_interval, groups=groups, confidence=config.confidence, positive=True)
     low, high = interval(float, error)
     stayed = ~windows.gone[:, states - 1]
@@ -119,7 +119,7 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     image = windows.error.mean(axis=1)
     floor = np.array([_floor_errors(subject, start + np.arange(states)).mean() for start in starts])
     encoded, scale = protocol.cut_windows(held.latents, starts, states), state_spread(held)
-    groups = protocol.group_windows(starts, states)
+    groups = group_windows(starts, states)
     error = state_errors(held, windows.states, windows.gone, encoded).mean(axis=1)
     hold = squared_norm(encoded[:, :1] - encoded, held.metric).mean(axis=1)
 

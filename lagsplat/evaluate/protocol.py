@@ -150,7 +150,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
 
     On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``, with
     others for repeated ones; fewer than ``count`` where there are fewer. Windows may overlap, see
-    `group_windows`; ``margin`` frames are needed after each.
+    `lagsplat.evaluate.aggregate.group_windows`; ``margin`` frames are needed after each.
 
     Raises:
         ValueError: no clip of the scored part is long enough.
@@ -162,19 +162,6 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
     rng = np.random.default_rng(seed)
     draws = [*rng.integers(0, valid.size, size=count), *rng.permutation(valid.size)]
     return valid[list(dict.fromkeys(draws))[:count]].astype(np.int64)
-
-
-def group_windows(starts: Int64[np.ndarray, " B"], length: int) -> Int64[np.ndarray, " B"]:
-    """Number of the group of each window of ``length`` frames; the first windows of groups do not overlap.
-
-    There are as many distinct windows as groups. Errors of windows in one group are of the same motion.
-    """
-    groups, first, number = np.zeros(len(starts), dtype=np.int64), -length, -1
-    for i in np.argsort(starts, kind="stable"):
-        if starts[i] >= first + length:
-            first, number = starts[i], number + 1
-        groups[i] = number
-    return groups
 
 
 def initial_states(

@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 from torch import Tensor
 
 from lagsplat.forces.equilibrium import compute_static_stiffness, settle
@@ -20,7 +20,8 @@ from lagsplat.stage2.likelihood.uncertainty import STEP
 NUDGE = 1e-3  # relative change of a force from which the slope of its answer is taken
 NO_EQUILIBRIUM = (ValueError, RuntimeError)  # of a law or a motion, which then tells nothing
 FEWEST = 10  # laws of which a spread is told
-NINE_IN_TEN = float(chi2(2).ppf(0.9))  # square of the half axes, in deviations, of an ellipse of such places
+# square of the half axes, in deviations, of an ellipse of such places
+NINE_IN_TEN = float(2.0 * gammaincinv(1.0, 0.9))
 LEAST_MOTION_PX = 1.0  # a smaller answer may spread by more than itself
 
 

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 import torch
 from jaxtyping import Bool, Float64, Int
-from scipy.stats import chi
+from scipy.special import gammaincinv
 from torch import Tensor
 
 from lagsplat.array_types import Series
@@ -44,7 +44,8 @@ PARTS = 3  # of a film, to which a motion is fitted again
 WITHHELD = 5  # one frame in so many
 FEWEST = 12  # pixels of a body
 MOST_POINTS = 2000  # of a body that are registered
-STAYS = float(chi(3).ppf(0.99))  # deviations of a colour's noise that a pixel which stays as it is keeps to
+# deviations of a colour's noise that a pixel which stays as it is keeps to: a quantile of a vector's length
+STAYS = float(2.0 * gammaincinv(3 / 2, 0.99)) ** 0.5
 LAST = -1  # level of the sharpest film
 LEAST_WEIGHT = 1e-12  # of a camera in the mean over cameras, so that there is one
 

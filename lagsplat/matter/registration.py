@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
-from scipy.stats import chi
+from scipy.special import gammaincinv
 from torch import Tensor
 
 from lagsplat.array_types import Latents
@@ -21,7 +21,8 @@ TUNING = 3.787
 """Scale of Geman and McClure's loss in deviations, at which it is 95 % efficient for Gaussian noise."""
 CHANNELS = 3
 LOW = 0.25  # share of the texture of a patch, at least, that one body is taken to have
-SMALL = float(chi(CHANNELS).ppf(LOW))  # that quantile of the length of a vector of normal numbers
+# that quantile of the length of a vector of normal numbers
+SMALL = float(gammaincinv(CHANNELS / 2, LOW) * 2.0) ** 0.5
 MOST_RESIDUALS = 100_000  # of which a scale is read
 SCALES, STEPS = 4, 8  # rounds of a scale and of steps under it
 SAME = 0.95  # of a scale, from which the next one is the same

@@ -1,12 +1,13 @@
 """Rollouts over the training clip, by which laws are scored and compared."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Float, Float64, Int
-from scipy.stats import ttest_1samp
+from scipy.special import stdtr
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
@@ -70,7 +71,8 @@ class ForecastErrors:
             return True
         ratios = np.log(self.each + 1e-300) - np.log(other.each + 1e-300)
         groups = [part.mean() for part in np.array_split(ratios, self.distinct)]
-        return bool(ttest_1samp(groups, 0.0, alternative="greater").pvalue < CHANCE)
+        error = float(np.std(groups, ddof=1)) / math.sqrt(len(groups))
+        return bool(stdtr(len(groups) - 1, -float(np.mean(groups)) / max(error, 1e-300)) < CHANCE)
 
     def is_as_good_as(self, other: "ForecastErrors") -> bool:
         """Whether these errors are at most a tenth larger, and are so, too, where small motions count alike.

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float64
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
 from lagsplat.stage2.lagrangian import LinearizedModes, find_equilibrium, linearize_modes
@@ -75,7 +75,7 @@ def draw_parameters(
         numpy.linalg.LinAlgError: a parameter is not determined.
     """
     n_blocks, rng = len(left_out), np.random.default_rng(seed)
-    stretch = t.ppf(TAILS[1], n_blocks - 1) / norm.ppf(TAILS[1])
+    stretch = stdtrit(n_blocks - 1, TAILS[1]) / ndtri(TAILS[1])
     deviations = stretch * np.sqrt((n_blocks - 1) / n_blocks) * (left_out - left_out.mean(axis=0))
     if information is None:
         return theta + rng.standard_normal((DRAWS, n_blocks)) @ deviations

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagsplat.evaluate.aggregate import group_windows
 from lagsplat.evaluate.evaluate import make_integrator
 from lagsplat.evaluate.protocol import (
     STENCILS,
     cut_windows,
     draw_starts,
     explain_shortage,
-    group_windows,
     initial_states,
     pin_diverged,
 )
