@@ -1,5 +1,6 @@
 """Test on a trained law what its class guarantees: energy never rises, and every motion settles."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import split_inputs
 
 HALVINGS = 6
-STRETCH = 400  # states between two checks that everything has settled
+STRETCH = 400  # states between two checks that everything has settled, at most
 LARGE = 0.1  # relative rise of the energy above which the step is halved
 NOISE = 1e-9  # rise of the energy, over the initial energy, that is rounding
 ORDER = 2  # of the integrator: halving the step divides its own energy rise by four
@@ -59,13 +60,13 @@ def summarize_guarantees(
     moving = np.arange(config.starts)[:, None] % 2 * speed
     tolerance = config.settled * reach
     at_rest = np.broadcast_to(rest, start.shape).copy()
-    free_trial = Trial(lagrangian, law, start, moving, at_rest)
+    free_trial = Trial(lagrangian, law, config.duration_s, start, moving, at_rest)
     fine_s, half = free_trial.find_step(dt_s)
-    free = free_trial.settle(fine_s, tolerance, config.duration_s)
+    free = free_trial.settle(fine_s, tolerance)
     held_at = rest + config.force * reach * sides
     force = -law.conservative_force(held_at)
-    held_trial = Trial(lagrangian, law, at_rest, np.zeros_like(held_at), held_at, force)
-    held = held_trial.settle(dt_s, tolerance, config.duration_s)
+    held_trial = Trial(lagrangian, law, config.duration_s, at_rest, np.zeros_like(held_at), held_at, force)
+    held = held_trial.settle(dt_s, tolerance)
     missed = np.abs(-law.conservative_force(held.ends) - force).max() / max(np.abs(force).max(), 1e-300)
     order = _falls_in_order(free.rise, half)
     return {
@@ -104,17 +105,26 @@ class Settled:
 
 @dataclass(frozen=True)
 class Trial:
-    """Motions of a law from ``q`` and ``v`` under constant forces, which must end at their ``goal``."""
+    """Motions of a law from ``q`` and ``v`` under constant forces, which must end at their ``goal``.
+
+    None of them is followed for longer than ``duration_s``.
+    """
 
     lagrangian: Lagrangian
     law: NumpyLagrangian
+    duration_s: float
     q: Float64[np.ndarray, "B d"]
     v: Float64[np.ndarray, "B d"]
     goal: Float64[np.ndarray, "B d"]
     force: Float64[np.ndarray, "B d"] | float = 0.0
 
-    def rise(self, dt_s: float, *, states: int = STRETCH + 1) -> float:
+    def stretch(self, dt_s: float) -> int:
+        """Steps between two checks."""
+        return min(STRETCH, max(1, math.ceil(self.duration_s / dt_s)))
+
+    def rise(self, dt_s: float, *, steps: int | None = None) -> float:
         """Largest rise of the energy above an earlier value, over the initial one; infinite on divergence."""
+        states = (self.stretch(dt_s) if steps is None else steps) + 1
         paths, speeds = roll_out_free(self.law, self.q, self.v, states=states, dt_s=dt_s, load=self.force)
         if not (np.isfinite(paths).all() and np.isfinite(speeds).all()):
             return float("inf")
@@ -131,22 +141,22 @@ class Trial:
         """
         rise = self.rise(dt_s)
         for halvings in range(HALVINGS + 1):
-            half = self.rise(dt_s / 2, states=2 * STRETCH + 1)
+            half = self.rise(dt_s / 2, steps=2 * self.stretch(dt_s))
             if halvings == HALVINGS or (rise < LARGE and _falls_in_order(rise, half)):
                 break
             rise, dt_s = half, dt_s / 2
         return dt_s, half
 
-    def settle(self, dt_s: float, tolerance: float, duration_s: float) -> Settled:
+    def settle(self, dt_s: float, tolerance: float) -> Settled:
         """Roll out until all are at their goal; a step at which the scheme adds energy is halved."""
         rise, halvings = self.rise(dt_s), 0
         while not rise < LARGE and halvings < HALVINGS:
             dt_s, halvings = dt_s / 2, halvings + 1
             rise = self.rise(dt_s)
-        elapsed_s, q, v = 0.0, self.q, self.v
-        while elapsed_s < duration_s:
-            paths, speeds = roll_out_free(self.law, q, v, states=STRETCH + 1, dt_s=dt_s, load=self.force)
-            q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + STRETCH * dt_s
+        elapsed_s, q, v, steps = 0.0, self.q, self.v, self.stretch(dt_s)
+        while elapsed_s < self.duration_s:
+            paths, speeds = roll_out_free(self.law, q, v, states=steps + 1, dt_s=dt_s, load=self.force)
+            q, v, elapsed_s = paths[:, -1], speeds[:, -1], elapsed_s + steps * dt_s
             # a passage through the goal does not count: the whole interval must lie at it
             apart = np.linalg.norm(paths - self.goal[:, None], axis=2).max(axis=1)
             if not np.isfinite(q).all() or (apart < tolerance).all():
