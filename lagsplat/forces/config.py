@@ -15,12 +15,14 @@ class ForcesConfig:
     directions: int  # directions of the force at each point, evenly spaced
     levels: list[float]  # distances that the forces move the true state, as shares of the visited radius
     periods: float  # length of the response to a sudden force in slowest natural periods
+    laws: int  # most laws that the recording allows as well, by which the spread of an answer is told
 
     def __post_init__(self) -> None:
         for key in ("brush", "response"):
             value = getattr(self, key)
             require_setting(f"forces.{key}", value, 0.0 < value <= 1.0, "must lie in (0, 1]")
         require_least(self, "forces", 2, "points", "directions")
+        require_least(self, "forces", 1, "laws")
         require_positive(self, "forces", "periods")
         fine = len(self.levels) > 0 and min(self.levels) > 0 and self.levels == sorted(set(self.levels))
         require_setting("forces.levels", self.levels, fine, "must be positive and increasing, at least one")

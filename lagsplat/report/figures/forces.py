@@ -161,7 +161,7 @@ def compute_force_panels(
 
     They are levers, directions and background; what hardly turns is pushed along its way, and an arm that
     hangs at its middle and its tip, across and along. ``draws`` are parameters of laws that the recording
-    allows as well; the first push of all sets the energy scale of each.
+    allows as well, of which ``config.laws`` are used; the first push of all sets the energy scale of each.
 
     Raises:
         ValueError: nothing moves in the image, or not on both sides of a centre of rotation.
@@ -178,7 +178,7 @@ def compute_force_panels(
     states, spread = held.equilibria(load), None
     if draws is not None:
         reference = PointLoad(first.points[:1], first.force[:1])
-        spread = measure_answer_spread(held, draws, load, first.points, reference=reference)
+        spread = measure_answer_spread(held, draws[: config.laws], load, first.points, reference=reference)
     scale = -(-MIN_WIDTH_PX // held.width)
     images = held.render_images(states, scale=scale)
     panels = []

@@ -101,7 +101,7 @@ def test_what_cannot_be_clicked_is_refused():
         grasp_brush(bar(), STILL, (4.0, 5.0), radius=0.0)
 
 
-CONFIG = ForcesConfig(brush=0.08, response=0.5, points=3, directions=4, levels=[1.0], periods=1.0)
+CONFIG = ForcesConfig(brush=0.08, response=0.5, points=3, directions=4, levels=[1.0], periods=1.0, laws=10)
 MIDDLE, CORNER = (WIDTH / 2, HEIGHT / 2), (2.0, 2.0)
 
 
