@@ -101,7 +101,10 @@ def _followed_keys(conf: Path) -> set[str]:
 @cache
 def _conf_digest(conf: Path) -> str:
     """Digest of the values in ``conf`` and of the code that types and checks them."""
-    files = [f"{path} {sha256_hex(path.read_bytes())}" for path in sorted(conf.rglob("*.yaml"))]
+    # places within conf/, so that a copy of the pipeline knows the answers that are copied with it
+    files = [
+        f"{path.relative_to(conf)} {sha256_hex(path.read_bytes())}" for path in sorted(conf.rglob("*.yaml"))
+    ]
     return sha256_hex("\n".join([*files, code_digest(__name__, schema.__name__)]).encode())
 
 
