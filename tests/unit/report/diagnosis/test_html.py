@@ -122,7 +122,7 @@ def test_everything_is_told(full):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_verdict_has_a_page(kind):
+def test_every_verdict_has_a_page(kind, undrawn):
     page = page_of(kind)
     assert Page(page).open == []
     visible = re.sub(r'src="[^"]*"|<style>.*?</style>', "", page, flags=re.DOTALL)
@@ -132,7 +132,7 @@ def test_every_verdict_has_a_page(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_page_without_images_says_nothing_of_them(kind):
+def test_a_page_without_images_says_nothing_of_them(kind, undrawn):
     page = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page_of(kind), flags=re.DOTALL)
     assert OF_FILMS.findall(page) == []
 
@@ -145,7 +145,7 @@ def test_noise_is_told_by_coordinate(full, undrawn):
     assert "The quality of the data was not checked." in page
 
 
-def test_an_unknown_place_is_said():
+def test_an_unknown_place_is_said(undrawn):
     page = page_of("undetermined")
     assert "level, coordinates, time, frequency, state region, components" in page
     assert "the recording lasts only 1.4 periods" in page
