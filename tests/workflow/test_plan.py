@@ -79,12 +79,32 @@ def planned(folder: Path, *arguments: str) -> str:
     return done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("profile", options("profile"))
-def test_every_target_plans(tmp_path: Path, profile: str) -> None:
+CLUSTER = yaml.safe_load((ROOT / "profiles" / "slurm" / "config.yaml").read_text("utf-8"))
+
+
+@pytest.mark.parametrize(
+    "profile",  # other tests plan with the quick one, part by part
+    [pytest.param(name, marks=[pytest.mark.campaign] * (name == "quick")) for name in options("profile")],
+)
+def test_every_target_plans_and_groups_for_clusters_depend_on_nothing_that_waits_for_them(
+    tmp_path: Path, profile: str
+) -> None:
+    """Snakemake refuses a group whose job needs a job outside that needs the group."""
     system = "toy" if profile == "toy" else "krauss_2seg"
     targets = [target.format(profile=profile, system=system) for target in TARGETS]
     few = "seeds=[0] baseline_seeds=[0] forecaster_seeds=[0] blind.t0=10 blind.t1=10"
-    told = planned(tmp_path, "all", *targets, "--config", f"hydra=profile={profile} {few}")
+    words = {
+        key: [f"{name}={value}" for name, value in CLUSTER[key].items()]
+        for key in ("groups", "group-components", "default-resources", "resources", "set-resource-scopes")
+    }
+    told = planned(
+        tmp_path,
+        *("all", *targets),
+        *(word for key, values in words.items() for word in (f"--{key}", *values)),
+        *("--config", f"hydra=profile={profile} {few}"),
+    )
+    for group in CLUSTER["group-components"]:
+        assert f"Group job {group} " in told
     for rule in (
         "simulate",
         "stage1",
@@ -127,6 +147,7 @@ def test_every_target_plans(tmp_path: Path, profile: str) -> None:
         "gap_blind",
     ):
         assert f"\n{rule} " in told, rule
+    assert "\nsharpen " not in told  # a finer decoder is fitted where it is asked for
     assert not list(tmp_path.glob("results/*"))
 
 
@@ -177,12 +198,10 @@ def test_each_table_trains_what_stands_in_it(tmp_path: Path, film: str) -> None:
     assert runs["truth"] == {("default", "toy")}
 
 
-def test_a_finer_decoder_is_fitted_only_where_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_finer_decoder_is_fitted_where_it_is_asked_for(tmp_path: Path) -> None:
     told = planned(tmp_path, "results/figures/rollout_toy.pdf", "--config", "hydra=profile=toy render=sharp")
     assert "\nrefine " in told
     assert "\nsharpen " in told
-    told = planned(tmp_path, "all", "--config", "hydra=profile=toy")
-    assert "\nsharpen " not in told
 
 
 def counts(told: str) -> dict[str, int]:
@@ -354,31 +373,10 @@ def test_every_rule_says_its_memory_and_its_minutes() -> None:
 
 def test_the_profiles_for_clusters_name_rules_and_groups_that_are_there() -> None:
     rules = set(resources_of_rules())
-    profile, gpu = (
-        yaml.safe_load((ROOT / "profiles" / "slurm" / f"{name}.yaml").read_text("utf-8"))
-        for name in ("config", "gpu")
-    )
-    assert set(profile["groups"]) <= rules
-    assert set(profile["group-components"]) == set(profile["groups"].values())
+    gpu = yaml.safe_load((ROOT / "profiles" / "slurm" / "gpu.yaml").read_text("utf-8"))
+    assert set(CLUSTER["groups"]) <= rules
+    assert set(CLUSTER["group-components"]) == set(CLUSTER["groups"].values())
     assert set(gpu["set-resources"]) <= rules
-
-
-@pytest.mark.parametrize("profile", options("profile"))
-def test_groups_for_clusters_depend_on_nothing_that_waits_for_them(tmp_path: Path, profile: str) -> None:
-    """Snakemake refuses a group whose job needs a job outside that needs the group."""
-    cluster = yaml.safe_load((ROOT / "profiles" / "slurm" / "config.yaml").read_text("utf-8"))
-    words = {
-        key: [f"{name}={value}" for name, value in cluster[key].items()]
-        for key in ("groups", "group-components", "default-resources", "resources", "set-resource-scopes")
-    }
-    told = planned(
-        tmp_path,
-        *(word for key, values in words.items() for word in (f"--{key}", *values)),
-        "--config",
-        f"hydra=profile={profile} seeds=[0] baseline_seeds=[0] forecaster_seeds=[0]",
-    )
-    for group in cluster["group-components"]:
-        assert f"Group job {group} " in told
 
 
 def test_scripts_are_thin() -> None:
