@@ -21,6 +21,9 @@ FIGURES = {
     "koopman_abcd_1seg": (0.52, 0.053),
 }
 STEPS = 30
+# One of each architecture and of each robot stays; these only repeat them, and attention makes them slow.
+REPEATED = ("osc_abcd_2seg", "osc_abcd_2seg_ep100", "osc_abcd_1seg_ep150", "koopman_abcd_1seg")
+NAMES = [pytest.param(name, marks=pytest.mark.campaign) if name in REPEATED else name for name in FIGURES]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def twins(shared_data):
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", NAMES)
 def test_floor_and_thirty_steps(twins, shared_data, name):
     baseline, _ = load_released(shared_data / "krauss_parity" / "checkpoints" / f"{name}.pt")
     stored, inputs = twins["1seg" if "1seg" in name else "2seg"]

@@ -74,7 +74,7 @@ def test_a_body_that_bends_is_no_rigid_one() -> None:
     assert found > 0.85
 
 
-@pytest.mark.parametrize("bending", [0, 2])
+@pytest.mark.parametrize("bending", [0, pytest.param(2, marks=pytest.mark.campaign)])
 def test_two_bodies_with_a_coordinate_each_are_two_bodies(bending: int) -> None:
     q = whitened(2)
     left = make_rigid_body(lambda q: (np.array([0.0, 3.0 * q[0]]), 0.1 * q[0]), (13.0, 22.0), (7.0, 8.0), 3)

@@ -25,6 +25,13 @@ def fit(
     return *fit_matter(frames, STATES, CONFIG, scene=scene), scene
 
 
+@pytest.fixture(scope="module")
+def seen_from_one_side() -> tuple[MatterField, MatterScene]:
+    """The tilted plate as one camera sees it."""
+    matter, _, scene = fit(TILTED, ())
+    return matter, scene
+
+
 def measure(matter: MatterField, plate: Plate, scene: MatterScene) -> tuple[np.ndarray, np.ndarray]:
     """Angle between found and true motions [deg], and errors of the places (T, P, 3) [px]."""
     points = matter.points.numpy()
@@ -46,8 +53,10 @@ def test_a_plate_that_turns_out_of_the_picture_is_found_with_its_depth() -> None
     assert not report.warnings
 
 
-def test_perspective_alone_tells_of_depth_if_there_is_one_camera() -> None:
-    matter, _, scene = fit(TILTED, ())
+def test_perspective_alone_tells_of_depth_if_there_is_one_camera(
+    seen_from_one_side: tuple[MatterField, MatterScene],
+) -> None:
+    matter, scene = seen_from_one_side
     angles, errors = measure(matter, TILTED, scene)
     assert np.median(angles) < 3.0
     assert np.sqrt(np.mean(errors**2)) < 0.3
@@ -73,14 +82,15 @@ def test_pixels_without_depth_are_no_matter() -> None:
         fit_matter(frames, STATES, CONFIG, scene=replace(scene, depth=np.full_like(holes, np.nan)))
 
 
-def test_what_is_unknown_of_novel_views_does_not_count() -> None:
+def test_what_is_unknown_of_novel_views_does_not_count(
+    seen_from_one_side: tuple[MatterField, MatterScene],
+) -> None:
     frames, scene = photograph(TILTED, STATES, ASIDE)
     against = photograph(TILTED, -STATES, ASIDE)[1].views
     assert against is not None
     unknown = replace(against, cover=np.zeros(against.images.shape[:4], np.uint8))
-    alone, blind = (
-        fit_matter(frames, STATES, CONFIG, scene=replace(scene, views=views))[0] for views in (None, unknown)
-    )
+    alone, _ = seen_from_one_side
+    blind, _ = fit_matter(frames, STATES, CONFIG, scene=replace(scene, views=unknown))
     states = torch.from_numpy(STATES)
     torch.testing.assert_close(blind.carry(states), alone.carry(states), atol=1e-3, rtol=0.0)
 

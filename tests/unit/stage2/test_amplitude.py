@@ -32,7 +32,7 @@ def record(seed: int) -> EncodedTrajectory:
 
 def test_a_linear_oscillator_in_a_bent_chart_keeps_its_frequency_at_rest() -> None:
     errors = []
-    for seed in range(2, 7):
+    for seed in range(2, 5):
         motion = record(seed)
         law, _ = fit_dynamics(motion, np.eye(1), config(form=FREE), 0, rest=np.zeros(1), measured=motion)
         found = linearize_modes(law, torch.zeros(0, dtype=torch.float64)).frequency_hz[0]

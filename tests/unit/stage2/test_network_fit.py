@@ -120,7 +120,7 @@ def test_gradients_of_the_likelihood_reach_every_weight_and_start() -> None:
 
 
 def test_networks_find_frequency_and_decay() -> None:
-    trajectory = oscillator(400, driven=True)
+    trajectory = oscillator(250, driven=True)
     settings = config(integrator="runge_kutta")
     shorter = replace(settings.likelihood, network_iterations=2)
     settings = replace(settings, start=replace(settings.start, source="likelihood"), likelihood=shorter)

@@ -82,7 +82,7 @@ def test_mcap_files_in_a_folder_of_another_name_are_no_bag(tmp_path: Path) -> No
 
 
 @both
-@pytest.mark.parametrize("share", [0.4, 0.61, 0.8])
+@pytest.mark.parametrize("share", [0.4, pytest.param(0.61, marks=pytest.mark.campaign), 0.8])
 def test_what_is_whole_of_a_bag_cut_short_is_read(tmp_path: Path, storage: str, share: float) -> None:
     of = arm(9000)
     bag = write_bag(tmp_path / "bag", joint_rows(of), storage)
