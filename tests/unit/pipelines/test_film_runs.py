@@ -252,7 +252,12 @@ def test_the_run_is_the_sim_from_then_on(films: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 def test_a_fit_that_was_stopped_goes_on(films: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = ("system.n_gaussians=256", "system.encoder_rate=2e-3", "stage1.checkpoint_every_s=1e-6")
+    small = (
+        "system.n_gaussians=256",
+        "system.encoder_rate=2e-3",
+        "stage1.checkpoint_every_s=1e-6",
+        "stage1.steps=600",
+    )
     small += ("stage2.likelihood.frames=600", "stage2.likelihood.iterations=8")
     small += ("stage2.form.potential_degree=4",)
     monkeypatch.setattr(film_runs, "compose", lambda *words: compose(*words, *small))
