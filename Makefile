@@ -50,7 +50,8 @@ test: .venv/.installed
 	@$(BIN)/python -m pytest $(ALL_CORES)
 	@$(BIN)/python -m pytest $(SHARED) $(ALL_CORES:%=--ignore=%) --ignore=tests/scenarios
 
-# What takes too long for every change: the sealed check of the diagnosis and the methods beside it.
+# What takes too long for every change: the sealed check of the diagnosis, the methods beside it, and cases that repeat
+# what others cover.
 campaigns: .venv/.installed
 	$(BIN)/python -m pytest -m campaign -n $(CORES) --dist loadfile
 
