@@ -4,8 +4,10 @@ import csv
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,8 @@ import pytest
 from lagsplat.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
+KEPT = Path(".snakemake/lagsplat-planning.sqlite")
+ANSWERS = ROOT / KEPT
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
 EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
@@ -48,7 +52,7 @@ def snakemake(source: Path, folder: Path, *arguments: str) -> subprocess.Complet
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the code, so that it can be edited."""
+    """A copy of the code, so that it can be edited, with what was planned before."""
     copy = tmp_path_factory.mktemp("source")
     for name in ("Snakefile", "benchmarks", "conf", "lagsplat", "profiles", "workflow"):
         place = ROOT / name
@@ -57,6 +61,10 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copytree(place, copy / name, ignore=shutil.ignore_patterns("*.pyc", "*.tmp.*"))
         else:
             shutil.copy(place, copy / name)
+    if ANSWERS.is_file():
+        (copy / ".snakemake").mkdir()
+        with closing(sqlite3.connect(ANSWERS)) as old, closing(sqlite3.connect(copy / KEPT)) as new:
+            old.backup(new)  # other tests may be writing
     return copy
 
 
