@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float64
 
 from benchmarks.gapgen.answers import SMALLEST_GAP
 from benchmarks.gapgen.strata import OUTSIDE_SHARE
 from lagsplat.diagnose.verdict.alternatives import Alternatives, Measures
-from lagsplat.diagnose.verdict.choice_model import Choice
 from lagsplat.diagnose.verdict.features import compute_features
 from lagsplat.diagnose.verdict.judgement import name_main_causes
 
@@ -22,6 +22,15 @@ DIGITS = 5  # of stored numbers: no share moves by more than one recording again
 DECISIVE = 3.0  # log Bayes factor [nat], 20 to 1: strong evidence by Kass and Raftery (1995)
 LEFT_OUT_WEIGHT = 0.5  # of a recording without its true effect: so about a quarter have an unknown cause
 EARLIER_WEIGHT = 0.2  # of a row of earlier code: later ones, by tenths left out, are then the most likely
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One recording: the features (n, k) of its alternatives, and which of them are right (n,)."""
+
+    features: Float64[np.ndarray, "n k"]
+    right: Bool[np.ndarray, " n"]
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,56 @@ from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize
 
-from benchmarks.calibration.choices import LabelledChoice, label_rows, read_rows, score_names, write_rows
+from benchmarks.calibration.choices import (
+    Choice,
+    LabelledChoice,
+    label_rows,
+    read_rows,
+    score_names,
+    write_rows,
+)
 from benchmarks.gapgen.metrics import calibration, wilson
-from lagsplat.diagnose.verdict.choice_model import ChoiceModel, fit_choice_model
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel
 from lagsplat.diagnose.verdict.features import NAMES
 from lagsplat.diagnose.verdict.judgement import sum_by_cause
 from lagsplat.io.files.atomic import save_json
 
 RIDGE = 1.0  # precision of the prior of a weight on a feature of unit size; one recording weighs as much
 FOLDS = 10
+
+
+def fit_choice_model(choices: Sequence[Choice], names: tuple[str, ...], *, ridge: float) -> ChoiceModel:
+    """Fit the weights to choices by maximum likelihood with a normal prior of precision ``ridge``.
+
+    Where several alternatives are right, their probabilities add up. Choices without a right alternative are
+    left out.
+    """
+    used = [choice for choice in choices if choice.right.any()]
+    sizes = np.array([len(choice.right) for choice in used])
+    features = np.concatenate([choice.features for choice in used])
+    right = np.concatenate([choice.right for choice in used])
+    weight = np.array([choice.weight for choice in used])
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    owner = np.repeat(np.arange(len(used)), sizes)
+    scale = np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-9)
+    scaled = features / scale
+
+    def loss(w: np.ndarray) -> tuple[float, np.ndarray]:
+        utility = scaled @ w
+        top = np.maximum.reduceat(utility, first)[owner]
+        e = np.exp(utility - top)
+        every, good = np.add.reduceat(e, first), np.add.reduceat(e * right, first)
+        good = np.maximum(good, 1e-300)
+        share = e / every[owner] - e * right / good[owner]
+        value = float(weight @ (np.log(every) - np.log(good))) + 0.5 * ridge * float(w @ w)
+        return value, scaled.T @ (share * weight[owner]) + ridge * w
+
+    # close to the optimum, so that rounding on another processor moves no digit that is published
+    options = {"maxiter": 5000, "ftol": 1e-15, "gtol": 1e-9}
+    found = minimize(loss, np.zeros(features.shape[1]), jac=True, method="L-BFGS-B", options=options)
+    return ChoiceModel(names, found.x / scale)
 
 
 def fit_weights(labelled: Sequence[LabelledChoice]) -> ChoiceModel:

@@ -11,7 +11,7 @@ import argparse
 import json
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from lagsplat.config.compose import compose, rebuild
 from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.diagnosis import is_within_tolerance, search_gap
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
-from lagsplat.diagnose.inference.effect_search import EffectSearch
+from lagsplat.diagnose.inference.effect_search import EffectSearch, combine_effects
 from lagsplat.diagnose.inference.holdout import forecast_holdout
 from lagsplat.diagnose.verdict.alternatives import measure_alternatives
 from lagsplat.pipelines.diagnosis import prepare_search
@@ -54,10 +54,19 @@ def measure_recording(place: Path, truth: Mapping[str, Any], config: DiagnoseCon
             exact = search_gap(sim, inputs.real, config.without_tolerances(), offset)
             row["exact"] = pack_alternatives(measure_alternatives(exact))
         if names - {"unknown"} and not row["undetermined"]:
-            without = search.leave_out(left_out(sorted(names)))
+            without = leave_out_effects(search, left_out(sorted(names)))
             row["left_out"] = pack_alternatives(measure_alternatives(without))
         row["seconds"] = time.process_time() - began
     return row
+
+
+def leave_out_effects(search: EffectSearch, names: Sequence[str]) -> EffectSearch:
+    """The same search without the effects ``names``; the other single effects are not fitted again."""
+    found = tuple(fit for fit in search.ranking.found if fit.name not in names)
+    candidates = tuple(each for each in search.candidates if each.effect.name not in names)
+    ranking = replace(search.ranking, found=found)
+    sets, rivals = combine_effects(search.problem, ranking, candidates, search.budget)
+    return replace(search, candidates=candidates, ranking=ranking, sets=sets, rivals=rivals)
 
 
 def hides_in_tolerances(search: EffectSearch, sim: EstimatedSimulator) -> bool:

@@ -116,7 +116,10 @@ EFFECTS = {
     )
 }
 UNIT = Scales(coordinate=0.5, velocity=3.0, reach=1.0, frame_s=0.02, duration_s=8.0, stiffness=36.0)
-PASSIVE = sorted(name for name, effect in EFFECTS.items() if effect.passive)
+PASSIVE = (
+    *("coulomb_friction", "stribeck_friction", "load_dependent_friction", "asymmetric_friction"),
+    *("quadratic_drag", "position_dependent_damping", "end_stop", "creep", "hidden_mode"),
+)
 NOTHING = 690.0
 """As a logarithm, nothing at all: exp(-690) is next to the smallest number."""
 

@@ -161,12 +161,6 @@ def test_a_push_is_an_acceleration_and_no_effect_touches_it() -> None:
     )
 
 
-def test_what_feeds_energy_is_not_bounded() -> None:
-    assert sim(("coulomb_friction", RUBBING), ("input_lag", [0.1]), ("viscous_damping", [0.1])).bounded
-    assert not sim(("viscous_damping", [-0.1])).bounded
-    assert not sim(("external_push", [0.1, 0.0, 0.0, *[1.0] * 3, *[0.0] * 3])).bounded
-
-
 def test_effects_are_grafted_on_another_sim() -> None:
     heavier = replace(oscillator(), mass=np.full((1, 1, 1), 2.0))
     one = transfer_effects(moved(), heavier)

@@ -17,6 +17,7 @@ from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
 from lagsplat.diagnose.mechanics.basis import Basis, add_angle_functions, make_polynomial_basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.solvers.dry_friction import PRESLIDING_SHARE
 from lagsplat.diagnose.solvers.runge_kutta import DIVERGED_SCALES
 
 UNIT = Scales(coordinate=1.0, velocity=1.0, reach=1.0, frame_s=0.02, duration_s=1.0, stiffness=30.0)
@@ -56,7 +57,7 @@ def wild(d: int, n_u: int, seed: int = 0) -> MechanicalModel:
         damping=damping,
         potential=potential,
         input_map=rng.normal(0.0, 4.0, (d + 1, n_u, d)),
-        dry=rng.uniform(0.05, 0.2, d),
+        dry=np.zeros(d),
         drag=rng.uniform(0.05, 0.2, d),
         width=np.full(d, 0.3),
         rest=rng.normal(0.0, 0.05, d),
@@ -180,7 +181,7 @@ def test_a_bare_rollout_is_the_solution_of_lagranges_equations(d: int, held: boo
 
 def test_model_and_kernel_and_energies_agree_on_the_acceleration() -> None:
     for d in (1, 2, 4):
-        model = wild(d, 1)
+        model = replace(wild(d, 1), dry=np.linspace(0.05, 0.2, d))
         rng = np.random.default_rng(4)
         q, v, u = rng.normal(0.0, 0.5, (5, d)), rng.normal(0.0, 1.0, (5, d)), rng.normal(size=(5, 1))
         told = model.acceleration(q, v, u)
@@ -297,6 +298,26 @@ def test_what_rests_where_a_window_begins_is_held() -> None:
         y, _ = rolled(spring(omega), time, no_inputs, states, windows, [effect], x, held=False, steps=1)
         assert (np.abs(y[0, :, 0] - states[:, 0]).max() > 1e-3) == moves
         assert moves or np.abs(y[0, :, 0] - states[:, 0]).max() < 1e-12
+
+
+def test_the_models_own_dry_friction_holds_as_an_effect_of_it_does() -> None:
+    """And both together as one of their sum, in motion and at rest."""
+    own, level, steps = 0.8, 2.0, 2
+    effect = PlacedEffect(catalogue()["coulomb_friction"], UNIT, direction=Direction("q", np.ones(1), 1.0))
+    time, u = np.arange(281) / 40.0, np.zeros((281, 0))
+    states = np.stack([np.cos(2.0 * math.pi * time) * np.exp(-0.4 * time), np.zeros(281)], axis=1)
+    windows = WindowSet(np.array([0]), np.array([281]))
+    paths = []
+    for dry, more in ((level, 0.0), (0.0, level), (own, level - own)):
+        model = replace(spring(2.0 * math.pi), dry=np.array([dry]))
+        x = [more / UNIT.of("acceleration"), math.log(PRESLIDING_SHARE), 0.0]
+        effects, x = ([effect], x) if more else ([], [])
+        run = rolled(model, time, u, states, windows, effects, x, held=False, steps=steps)
+        paths.append(run[0][0, :, 0])
+    assert np.abs(paths[1] - paths[0]).max() < 1e-9
+    assert np.ptp(paths[0][:60]) > 1.0
+    assert np.ptp(paths[0][-20:]) < 1e-4
+    assert np.abs(paths[2] - paths[0]).max() < 1e-3
 
 
 @pytest.mark.parametrize("steps", [1, 4])

@@ -57,11 +57,6 @@ class AugmentedSimulator:
         """Parameters of effect number ``n`` in the units of the recording."""
         return self.effects[n].name_parameters(self.split_unknowns()[n])
 
-    @property
-    def bounded(self) -> bool:
-        """Whether no effect feeds energy, so that a bounded push has a bounded response."""
-        return all(placed.keeps_energy_bounded(self.parameters(n)) for n, placed in enumerate(self.effects))
-
 
 def build_augmented(
     rollout_model: RolloutModel,
@@ -135,7 +130,7 @@ def save_augmented(
         "effects": effects,
         **{name: getattr(simulator, name) for name in SAMPLING},
     }
-    made = {"kind": KIND, "schema": SCHEMA, "bounded": simulator.bounded, "augmented": settings}
+    made = {"kind": KIND, "schema": SCHEMA, "augmented": settings}
     save_artifact(path, tensors, {**header, **made})
 
 

@@ -279,8 +279,6 @@ class RESIDUAL_REGRESSION:
     folds: int = 5  # folds of the cross-validation [count]
     max_samples: int = 800  # samples of a linear regression, at most [count]
     ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
-    max_kernel_samples: int = 400  # samples of a kernel regression, at most [count]
-    width_factors: tuple[float, ...] = (1.0, 3.0)  # kernel widths, over the root of the feature count [1]
     correlation_z: float = 1.96  # correlation, in standard deviations [1]: the normal quantile of 0.975
 
 

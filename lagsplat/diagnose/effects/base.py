@@ -80,9 +80,6 @@ class Effect(EffectDescription):
     input was computed along the motion of the others (`Trajectory.computed`)."""
     component: Component | None = None  # term of the equations of motion; None for sensor and clock
     level: Level = "dynamics"  # where on the way from image to motion it acts
-    passive: bool = False  # never feeds energy into the mechanism
-    energy_bounded: Callable[[Mapping[str, float], "PlacedEffect"], bool] | None = None
-    """Whether fitted parameters keep the energy bounded, where `passive` alone does not say so."""
     variants: tuple[str, ...] = ("",)
     variant_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of a variant's parameters where it is not that of their kind."""
@@ -315,15 +312,6 @@ class PlacedEffect:
         inertia = np.sqrt((first @ model.inertia @ first) * (second @ model.inertia @ second))
         along = (Direction(None, covector, float(inertia)) for covector in (first, second))
         return list(zip(along, (second, -first), strict=True))
-
-    def keeps_energy_bounded(self, parameters: Mapping[str, float]) -> bool:
-        """Whether a bounded input has a bounded response with this effect, if it has one without.
-
-        Effects of inputs, cameras and clocks feed no energy; forces and changes of models say it.
-        """
-        if self.effect.energy_bounded is not None:
-            return self.effect.energy_bounded(parameters, self)
-        return self.effect.passive or not isinstance(self.effect, ForceEffect | ModelEffect)
 
     def to_physical(self, x: Float64[np.ndarray, "P k"]) -> Float64[np.ndarray, "P k"]:
         """Parameters in the units of the recording, for unknowns ``x``."""

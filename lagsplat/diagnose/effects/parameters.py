@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from lagsplat.diagnose.solvers.dry_friction import PRESLIDING_SHARE
+
 
 @dataclass(frozen=True)
 class Scales:
@@ -117,12 +119,15 @@ class EffectParameter:
 
 PRESLIDING = (
     EffectParameter(
-        "presliding", "coordinate", log_normal(0.003, 2.0), (0.0003, 0.01), label="presliding displacement"
+        "presliding",
+        "coordinate",
+        log_normal(PRESLIDING_SHARE, 2.0),
+        (0.0003, 0.01),
+        label="presliding displacement",
     ),
     EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,), reported=False),
 )
 """How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
 
-Presliding is 1 to 100 um in bearings and gears, against motions of millimetres to metres; the damping is 1 in
-Canudas de Wit et al., 1995, doi:10.1109/9.376053.
+The damping is 1 in Canudas de Wit et al., 1995, doi:10.1109/9.376053.
 """

@@ -2,7 +2,7 @@
 
 Minimises ``sum |(y - predicted)/sigma|^2 + sum ((x - mean)/deviation)^2`` over parameters ``x`` and the
 initial state of every window, which is eliminated (`lagsplat.normal_equations`). Derivatives are finite
-differences of rollouts, all in one batch, unless exact ones are given.
+differences of rollouts, all in one batch.
 
 Source: Bock, "Recent advances in parameter identification techniques for o.d.e.", 1983; the paper's
 rollouts, eq. (roll).
@@ -43,8 +43,6 @@ class ShootingData:
 
 Linearization = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Weighted residual (W, L, d), its prediction's derivatives by parameters (W, M, k) and starts (W, M, s)."""
-LinearizationFunction = Callable[[np.ndarray, np.ndarray, ShootingData], Linearization]
-"""Linearises about parameters and initial states."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,6 @@ def fit_multiple_shooting(
     iterations: int,
     tolerance: float,
     known: tuple[np.ndarray, np.ndarray] | None = None,
-    exact: LinearizationFunction | None = None,
     brief: bool = False,
 ) -> ShootingFit:
     """Fit parameters and initial states; stops when a step gains less than ``tolerance`` of the cost.
@@ -155,14 +152,11 @@ def fit_multiple_shooting(
         known: derivatives by the last parameters and by the starts, from a fit nearby. Those by the first
             parameters are then computed after every step, the rest, which change little, every
             `ESTIMATION.max_stale_steps`.
-        exact: exact derivatives in the place of finite differences.
         brief: whether the last derivatives may be those of a few steps before, as for a fit to be continued.
     """
     n_leading = len(x) if known is None else len(x) - known[0].shape[2]
 
     def linearize(x: np.ndarray, starts: np.ndarray) -> Linearization:
-        if exact:
-            return exact(x, starts, data)
         return differentiate_predictions(predict, x, starts, data, prior.step)
 
     def update(x: np.ndarray, starts: np.ndarray, trailing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.effects.base import (
     CoefficientBatch,
@@ -18,17 +18,34 @@ from lagsplat.diagnose.effects.base import (
 )
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
 from lagsplat.diagnose.estimation.input_signals import InputSignal, build_input_signals
-from lagsplat.diagnose.estimation.multiple_shooting import Linearization, ShootingData
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, shift_coefficients, split_coefficients
-from lagsplat.diagnose.solvers.dry_friction import integrate_presliding
+from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS
+from lagsplat.diagnose.solvers.dry_friction import (
+    PRESLIDING_SHARE,
+    integrate_presliding,
+    resist_evenly,
+)
 from lagsplat.diagnose.solvers.force_laws import integrate_memory
 from lagsplat.diagnose.solvers.runge_kutta import roll_out_batch
-from lagsplat.diagnose.solvers.runge_kutta_sensitivity import roll_out_with_sensitivities
 
 Placed = Sequence[tuple[PlacedEffect, np.ndarray]]
 """Effects, each with its parameters (P, k) in the units of the recording."""
+
+
+ROLLED_FIELDS = tuple(name for name in COEFFICIENT_FIELDS if name != "dry")  # dry friction is a force law
+
+
+@dataclass(frozen=True)
+class ForceSlot:
+    """A force that is added to the model, for ``P`` sets of parameters."""
+
+    law: int  # address of the compiled law
+    acts: Direction
+    sees: Float64[np.ndarray, " d"]
+    theta: Float64[np.ndarray, "P n"]
+    memory: Float64[np.ndarray, "P N Z"]  # at every frame, along the recorded motion
+    bristles: int = -1  # place of the presliding displacement among the parameters of dry friction
 
 
 @dataclass(frozen=True)
@@ -96,13 +113,13 @@ class RolloutModel:
     ) -> np.ndarray:
         fields = self._fields(placed, nuisance)
         u, u_of = self._inputs(placed, len(nuisance))
-        laws, geometry, theta, memory = self._laws(placed, len(nuisance), windows)
+        laws, geometry, theta, memory = self._laws(placed, fields, windows)
         model = self.model
         out = np.zeros((len(nuisance), len(windows.first), windows.longest, 2 * model.d))
-        coefficients = (move_functions_last(getattr(fields, name)) for name in COEFFICIENT_FIELDS)
+        coefficients = (_move_functions_last(getattr(fields, name)) for name in ROLLED_FIELDS)
         roll_out_batch(
             model.basis.arrays,
-            (*coefficients, model.width, model.rest),
+            (*coefficients, model.rest),
             laws,
             geometry,
             theta,
@@ -159,38 +176,57 @@ class RolloutModel:
         return u, u_of.reshape(-1).astype(np.int64)
 
     def _laws(
-        self, placed: Placed, n_sets: int, windows: WindowSet
+        self, placed: Placed, fields: CoefficientBatch, windows: WindowSet
     ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray, np.ndarray]:
         """Laws, geometry, parameters and memories of all slots, as the kernel takes them."""
-        forces = [
-            (effect, acts, sees, place, theta)
+        slots = self._rub_itself(fields)  # first, so that no effect moves its bristles
+        slots += [
+            self._fill_slot(effect, acts, sees, place, theta)
             for place, theta in placed
             if isinstance(effect := place.effect, ForceEffect) and place.direction is not None
             for acts, sees in place.list_slots(self.model)
         ]
-        n, d = len(forces), self.model.d
-        laws, along, seen, inertia = np.zeros(n, np.int64), np.zeros((n, d)), np.zeros((n, d)), np.zeros(n)
-        bristles = np.full(n, -1)
-        tables = []
-        n_memory = max([effect.n_memory for effect, *_ in forces], default=0)
+        n, d, n_sets = len(slots), self.model.d, len(fields.dry)
+        table = np.zeros((n_sets, n, max([1, *(slot.theta.shape[1] for slot in slots)])))
+        n_memory = max([slot.memory.shape[-1] for slot in slots], default=0)
         memory = np.zeros((n_sets, len(windows.first), n, n_memory))
-        for slot, (effect, acts, sees, place, theta) in enumerate(forces):
-            laws[slot], inertia[slot] = effect.law.address, acts.inertia
-            along[slot], seen[slot] = acts.covector, sees
-            fixed = np.array((*effect.constants(place.scales, place.variant), *place.constants))
-            law_theta, initial = theta[:, : effect.n_law], theta[:, effect.n_law :]
-            tables.append(np.concatenate([law_theta, np.repeat(fixed[None], n_sets, axis=0)], axis=1))
-            if place.variant in effect.dry:
-                bristles[slot] = effect.presliding
-                begin = self._presliding(acts, theta[:, effect.presliding])
-                memory[:, :, slot, 0] = begin[:, windows.first]
-            elif effect.memory_start:
-                begin = self._memory(effect, acts, tables[-1], initial)
-                memory[:, :, slot, : effect.n_memory] = begin[:, windows.first]
-        table = np.zeros((n_sets, n, max([1, *(values.shape[1] for values in tables)])))
-        for slot, values in enumerate(tables):
-            table[:, slot, : values.shape[1]] = values
-        return laws, (along, seen, inertia, bristles), table, memory
+        for k, slot in enumerate(slots):
+            table[:, k, : slot.theta.shape[1]] = slot.theta
+            memory[:, :, k, : slot.memory.shape[-1]] = slot.memory[:, windows.first]
+        geometry = (
+            np.array([slot.acts.covector for slot in slots]).reshape(n, d),
+            np.array([slot.sees for slot in slots]).reshape(n, d),
+            np.array([slot.acts.inertia for slot in slots], dtype=float),
+            np.array([slot.bristles for slot in slots], dtype=np.int64),
+            _find_contacts(slots),
+        )
+        return np.array([slot.law for slot in slots], dtype=np.int64), geometry, table, memory
+
+    def _rub_itself(self, fields: CoefficientBatch) -> list[ForceSlot]:
+        """The model's own dry friction, along each coordinate that has some."""
+        slots = []
+        for i, covector in enumerate(np.eye(self.model.d)):
+            if fields.dry[:, i].any():
+                acts = Direction.of(None, covector, self.model)
+                level = np.maximum(fields.dry[:, i], 0.0) / acts.inertia
+                presliding = np.full(len(level), PRESLIDING_SHARE * self.model.basis.scale[i])
+                theta = np.stack([level, presliding, np.ones(len(level))], axis=1)
+                begin = self._presliding(acts, presliding)[..., None]
+                slots.append(ForceSlot(resist_evenly.address, acts, covector, theta, begin, 1))
+        return slots
+
+    def _fill_slot(
+        self, effect: ForceEffect, acts: Direction, sees: np.ndarray, place: PlacedEffect, theta: np.ndarray
+    ) -> ForceSlot:
+        fixed = np.array((*effect.constants(place.scales, place.variant), *place.constants))
+        table = np.concatenate([theta[:, : effect.n_law], np.repeat(fixed[None], len(theta), axis=0)], axis=1)
+        if place.variant in effect.dry:
+            begin = self._presliding(acts, theta[:, effect.presliding])[..., None]
+            return ForceSlot(effect.law.address, acts, sees, table, begin, effect.presliding)
+        begin = np.zeros((len(theta), len(self.dataset.time), effect.n_memory))
+        if effect.memory_start:
+            begin = self._memory(effect, acts, table, theta[:, effect.n_law :])
+        return ForceSlot(effect.law.address, acts, sees, table, begin)
 
     def _presliding(self, direction: Direction, displacement: np.ndarray) -> Float64[np.ndarray, "P N"]:
         """Share of dry friction at every frame along the smoothed motion, by presliding displacement (P,)."""
@@ -223,14 +259,22 @@ class RolloutModel:
         return out[which.reshape(-1)]
 
 
-def move_functions_last(coefficients: np.ndarray) -> np.ndarray:
+def _find_contacts(slots: Sequence[ForceSlot]) -> Int64[np.ndarray, " slots"]:
+    """For each slot of dry friction, the first one along its direction; -1 for others."""
+    first: dict[tuple[float, ...], int] = {}
+    keys = [(*slot.acts.covector, slot.acts.inertia) for slot in slots]
+    found = [-1 if slot.bristles < 0 else first.setdefault(keys[k], k) for k, slot in enumerate(slots)]
+    return np.array(found, dtype=np.int64)
+
+
+def _move_functions_last(coefficients: np.ndarray) -> np.ndarray:
     """Coefficients (P, K, ...) with the functions last, as the kernel takes them; (P, K) and (P, d) stay."""
     return np.ascontiguousarray(np.moveaxis(coefficients, 1, -1) if coefficients.ndim > 2 else coefficients)
 
 
 @dataclass(frozen=True)
-class ParameterSensitivity:
-    """Rollouts of ``model`` with its coefficients moved along ``moves``, and their exact derivatives."""
+class CoefficientRollout:
+    """Rollouts of ``model`` with its coefficients moved along ``moves``."""
 
     model: MechanicalModel
     dataset: Dataset
@@ -246,51 +290,8 @@ class ParameterSensitivity:
         nuisance = NuisanceParameters(1.0, 1.0, 1.0, 1.0, np.ones(d), 1.0, n_u, self.moves)
         return RolloutModel(self.model, self.dataset, nuisance, self.steps, self.held)
 
-    @cached_property
-    def columns(self) -> tuple[tuple[np.ndarray, ...], Float64[np.ndarray, "n C"]]:
-        """Column of each coefficient in the derivatives, shaped as `COEFFICIENT_FIELDS`, and how far each
-        move takes the coefficients of each column.
-
-        Coefficients that always change by the same amount share a column; those that never do have -1.
-        """
-        touched = np.flatnonzero(self.moves.any(axis=0))
-        distinct, which = np.zeros((len(self.moves), 0)), np.zeros(0, np.int64)
-        if len(touched):
-            distinct, which = np.unique(self.moves[:, touched], axis=1, return_inverse=True)
-        column = np.full(self.moves.shape[1], -1, np.int64)
-        column[touched] = which.reshape(-1)
-        parts = split_coefficients(column, self.model).values()
-        return tuple(move_functions_last(part[None])[0] for part in parts), distinct
-
     def __call__(self, x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Coordinates (P, W, L, d) for moves ``x`` (P, n) and starts (P, W, 2 d)."""
         fixed = self.rollout_model.nuisance.size - len(self.moves)
         padded = np.concatenate([np.zeros((len(x), fixed)), x], axis=1)
         return self.rollout_model.roll_out((), padded, starts, self.windows)[0]
-
-    def derivatives(self, x: np.ndarray, starts: np.ndarray, data: ShootingData) -> Linearization:
-        """As `differentiate_predictions` of multiple shooting, but exact, by the variational equations."""
-        model, windows = shift_coefficients(self.model, x @ self.moves), self.windows
-        column_of, by_column = self.columns
-        n = by_column.shape[1]
-        fields = [getattr(model, name) for name in COEFFICIENT_FIELDS]
-        used = max(len(field) for field in fields[:4])
-        y = np.zeros(data.y.shape)
-        slopes = np.zeros((*y.shape, n + starts.shape[1]))
-        roll_out_with_sensitivities(
-            model.basis.first(used).arrays,
-            (*(move_functions_last(field[None])[0] for field in fields), model.width, model.rest),
-            column_of,
-            n,
-            np.ascontiguousarray(starts),
-            windows.first,
-            windows.length,
-            self.dataset.time,
-            self.rollout_model.logged[0],
-            self.steps,
-            y,
-            slopes,
-        )
-        slopes *= data.weight[..., None]
-        flat = slopes.reshape(len(starts), -1, slopes.shape[-1])
-        return (data.y - y) * data.weight, flat[..., :n] @ by_column.T, flat[..., n:]

@@ -22,10 +22,11 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     ShootingData,
     ShootingFit,
     compute_autocorrelation_time,
+    differentiate_predictions,
     eliminate_starts,
     fit_multiple_shooting,
 )
-from lagsplat.diagnose.estimation.rollout import ParameterSensitivity
+from lagsplat.diagnose.estimation.rollout import CoefficientRollout
 from lagsplat.diagnose.identification import weak_form
 from lagsplat.diagnose.mechanics.basis import Basis
 from lagsplat.diagnose.mechanics.model import MechanicalModel
@@ -118,17 +119,17 @@ class IdentificationProblem:
         """Initial states of the windows."""
         return self.windows.initial_states(self.dataset)
 
-    def make_sensitivity(self, model: MechanicalModel, moves: np.ndarray) -> ParameterSensitivity:
+    def make_rollout(self, model: MechanicalModel, moves: np.ndarray) -> CoefficientRollout:
         """Rollouts of a model with its coefficients moved along ``moves`` (n, K)."""
         held = self.config.input_hold == "zoh"
-        return ParameterSensitivity(model, self.dataset, self.windows, moves, self.steps, held)
+        return CoefficientRollout(model, self.dataset, self.windows, moves, self.steps, held)
 
     def linearise(
         self, model: MechanicalModel, moves: np.ndarray, starts: np.ndarray
     ) -> tuple[Float64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
         """Curvature and gradient of half the misfit by ``moves`` (n, K), initial states eliminated."""
-        sensitivity = self.make_sensitivity(model, moves)
-        linear = sensitivity.derivatives(np.zeros(len(moves)), starts, self.data)
+        rollout, n = self.make_rollout(model, moves), len(moves)
+        linear = differentiate_predictions(rollout, np.zeros(n), starts, self.data, make_weak_prior(n).step)
         left = eliminate_starts(*linear)
         return left.curvature, left.right
 
@@ -142,16 +143,14 @@ class IdentificationProblem:
         iterations: int,
     ) -> ShootingFit:
         """Fit how far to move a model along ``moves`` (n, K), by shooting from ``starts`` (W, 2 d)."""
-        sensitivity = self.make_sensitivity(model, moves)
         return fit_multiple_shooting(
-            sensitivity,
+            self.make_rollout(model, moves),
             np.zeros(len(moves)),
             starts,
             self.data,
             prior,
             iterations=iterations,
             tolerance=IDENTIFICATION.fit_tolerance,
-            exact=sensitivity.derivatives,
         )
 
     def compute_misfit(self, model: MechanicalModel) -> float:

@@ -38,14 +38,6 @@ class EffectSearch:
     sets: tuple[HypothesisFit, ...]
     rivals: tuple[HypothesisFit, ...] = ()
 
-    def leave_out(self, names: Sequence[str]) -> "EffectSearch":
-        """The same search without the effects ``names``; the other single effects are not fitted again."""
-        found = tuple(fit for fit in self.ranking.found if fit.name not in names)
-        candidates = tuple(each for each in self.candidates if each.effect.name not in names)
-        ranking = replace(self.ranking, found=found)
-        sets, rivals = combine_effects(self.problem, ranking, candidates, self.budget)
-        return replace(self, candidates=candidates, ranking=ranking, sets=sets, rivals=rivals)
-
 
 def search_effects(
     problem: EstimationProblem,

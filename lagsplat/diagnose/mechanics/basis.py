@@ -139,18 +139,3 @@ def evaluate_basis(basis, q, x, waves, phi):
                 phi[k, r] = phi[lower, r] * x[i, r]
         elif kind[k] == COSINE:
             _evaluate_wave(order, k, waves, phi, k, lower)
-
-
-@njit(cache=True, error_model="numpy")
-@no_type_check
-def differentiate_basis(basis, phi, slope, curvature):
-    """Write gradients (d, K) and second derivatives (d, d, K) of functions with the values ``phi`` (K,)."""
-    target, factor = basis[4], basis[5]
-    d, n = target.shape
-    for i in range(d):
-        for k in range(n):
-            slope[i, k] = factor[i, k] * phi[target[i, k]]
-    for i in range(d):
-        for j in range(d):
-            for k in range(n):
-                curvature[i, j, k] = factor[i, k] * slope[j, target[i, k]]

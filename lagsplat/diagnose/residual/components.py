@@ -1,4 +1,4 @@
-"""What the residual depends on: shares of groups of features, memory, correlations with single signals."""
+"""What the residual depends on: shares of groups of features, correlations with single signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +17,10 @@ from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_si
 
 def compute_components(
     features: ResidualFeatures, coordinate_share: Float64[np.ndarray, " d"]
-) -> tuple[dict[str, float], float]:
+) -> dict[str, float]:
     """Attribute the residual to the groups, weighting each coordinate by its own share (d,) of the residual.
 
-    Shares are by group, with "unexplained", and sum to one; beside them is the index of
-    `compute_memory_index` over all coordinates.
+    Shares are by group, with "unexplained", and sum to one.
 
     What groups explain together is divided by Shapley's rule (LMG). Memory gets only what no present quantity
     explains: in a swing, the position a quarter of a period ago resembles the velocity now.
@@ -29,15 +28,13 @@ def compute_components(
     Source: Lindeman, Merenda, Gold (1980) and Groemping (2007) for the shares.
     """
     shares = dict.fromkeys((*FEATURE_GROUPS, "unexplained"), 0.0)
-    memory_index = 0.0
     for i in np.flatnonzero(coordinate_share > 0.01):
         coordinate_shares = _compute_shapley_shares(features, int(i))
         shares = {name: shares[name] + coordinate_share[i] * coordinate_shares[name] for name in shares}
-        memory_index += coordinate_share[i] * compute_memory_index(features, int(i))
     total = sum(shares.values())
     if total <= 0.0:
-        return shares | {"unexplained": 1.0}, 0.0
-    return {name: float(share / total) for name, share in shares.items()}, float(memory_index)
+        return shares | {"unexplained": 1.0}
+    return {name: float(share / total) for name, share in shares.items()}
 
 
 def compute_explained_share(
@@ -49,19 +46,6 @@ def compute_explained_share(
     `RESIDUAL_REGRESSION.ridges`, and at least zero.
     """
     return _FoldedRegression(features, coordinate, columns).score(np.arange(columns.shape[1]))
-
-
-def compute_memory_index(features: ResidualFeatures, coordinate: int) -> float:
-    """How much better lagged positions predict the residual on left-out blocks than the present, in [0, 1].
-
-    Kernel regression is used because it assumes no form of the dependence.
-    """
-    groups = features.groups[coordinate]
-    state = [groups["conservative"][:, 1:2], groups["dissipative"][:, :1]]
-    present = np.concatenate([*state, groups["actuation"], groups["exogenous"]], axis=1)
-    wide = np.concatenate([present, groups["memory"]], axis=1)
-    scores = [_score_kernel_regression(features, coordinate, columns) for columns in (wide, present)]
-    return max(0.0, scores[0] - scores[1])
 
 
 class _FoldedRegression:
@@ -118,26 +102,6 @@ def _compute_shapley_shares(features: ResidualFeatures, coordinate: int) -> dict
     for name in present:
         positive[name] *= now / sum_now if sum_now > 0.0 else 0.0
     return positive | {"unexplained": max(0.0, 1.0 - sum(positive.values()))}
-
-
-def _score_kernel_regression(features: ResidualFeatures, coordinate: int, columns: np.ndarray) -> float:
-    """Share of the residual's square that a kernel regression predicts on left-out folds."""
-    # a second to import, which only this needs
-    from sklearn.kernel_ridge import KernelRidge
-    from sklearn.model_selection import PredefinedSplit, cross_val_predict
-
-    picked = slice(None, None, max(1, int(np.ceil(len(columns) / RESIDUAL_REGRESSION.max_kernel_samples))))
-    x, y, folds = columns[picked], features.target[picked, coordinate], PredefinedSplit(features.fold[picked])
-    spread, scale = np.std(x, axis=0), np.std(y)
-    x, y = (x / np.where(spread > 0.0, spread, 1.0))[:, spread > 0.0], y / (scale or 1.0)
-    if not x.shape[1] or scale == 0.0 or folds.get_n_splits() < 2:
-        return 0.0
-    best = 0.0
-    for width in RESIDUAL_REGRESSION.width_factors:
-        model = KernelRidge(alpha=1e-3, kernel="rbf", gamma=0.5 / (width**2 * x.shape[1]))
-        missed = y - cross_val_predict(model, x, y, cv=folds)
-        best = max(best, 1.0 - float(missed @ missed / (y @ y)))
-    return best
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,7 @@ class ResidualLocation:
     frequency_hz: tuple[tuple[float, float, float], ...]  # bands: low [Hz], high [Hz], share
     state_region: dict[str, Any]  # by coordinate, the boxes in which the residual keeps its sign
     components: dict[str, float]  # share by kind of term, with "unexplained"
-    memory_index: float  # in [0, 1]
     evidence: dict[str, float]  # nats by which each coordinate's residual force makes the recording likelier
-    size: float  # rms of the residual over the acceleration's; at a hundredth or less the rest says little
     smoothed: tuple[LatentForceEstimate, ...]
     spectrum: ResidualSpectrum | None  # None where clips are short
     maps: tuple[StateMap, ...]
@@ -67,7 +65,7 @@ def locate(
     lines_hz = _find_undriven_lines(spectrum, motions[0].n_u) if spectrum is not None else []
     features = compute_features(mechanics, estimates, period_s=period_s, lines_hz=lines_hz)
     events = find_events(estimates, period_s=period_s)
-    shares, memory_index = compute_components(features, coordinate_share)
+    shares = compute_components(features, coordinate_share)
     shares = _assign_brief_events(shares, events, estimates)
     regions, maps = find_state_regions(estimates, period_s=period_s)
     names = motions[0].q_names
@@ -83,9 +81,7 @@ def locate(
         frequency_hz=() if spectrum is None else spectrum.bands,
         state_region=_describe_regions(regions, names),
         components=shares,
-        memory_index=memory_index,
         evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
-        size=float(np.sqrt(np.mean(np.concatenate(compute_relative_squares(estimates))))),
         smoothed=tuple(estimates),
         spectrum=spectrum,
         maps=tuple(maps),

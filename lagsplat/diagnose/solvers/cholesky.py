@@ -45,31 +45,3 @@ def solve_batch(a, b):
                 b[d + i, r] -= a[k, i, r] * b[d + k, r]
         for r in range(n):
             b[d + i, r] *= a[i, i, r]
-
-
-@njit(cache=True)
-@no_type_check
-def factorize_single(a, d):
-    """Overwrite the lower triangle of a symmetric ``a`` (d, d) with its Cholesky factor."""
-    for j in range(d):
-        for k in range(j):
-            a[j, j] -= a[j, k] * a[j, k]
-        a[j, j] = math.sqrt(max(a[j, j], MIN_PIVOT))
-        for i in range(j + 1, d):
-            for k in range(j):
-                a[i, j] -= a[i, k] * a[j, k]
-            a[i, j] /= a[j, j]
-
-
-@njit(cache=True)
-@no_type_check
-def solve_single(a, b, d):
-    """Overwrite the second half of ``b`` (2 d,) with the solution for the Cholesky factor ``a``."""
-    for i in range(d):
-        for k in range(i):
-            b[d + i] -= a[i, k] * b[d + k]
-        b[d + i] /= a[i, i]
-    for i in range(d - 1, -1, -1):
-        for k in range(i + 1, d):
-            b[d + i] -= a[k, i] * b[d + k]
-        b[d + i] /= a[i, i]

@@ -3,7 +3,8 @@
 A law says how large friction is in motion. Damped bristles that bend by a presliding displacement hold what
 rests; they bear a share of it between -1 and 1, which is the memory of the law's slot. The share is constant
 over a step and corrected after it by an implicit rule, so that bristles may be far stiffer than a step
-resolves; infinitely stiff ones are set-valued friction.
+resolves; infinitely stiff ones are set-valued friction. Laws along one direction are one contact, whose
+bristles and share are those of its first slot.
 
 In all functions ``geometry`` and ``theta`` are those of `roll_out_batch` of
 `lagsplat.diagnose.solvers.runge_kutta`, ``work`` (2 d, R) holds the conservative and the actuated forces of R
@@ -20,16 +21,27 @@ import numpy as np
 from numba import njit
 
 from lagsplat.diagnose.solvers.cholesky import solve_batch
-from lagsplat.diagnose.solvers.force_laws import call_law
+from lagsplat.diagnose.solvers.force_laws import call_law, compile_force_law
+
+PRESLIDING_SHARE = 0.003
+"""Presliding displacement over the usual motion: in bearings and gears 1 to 100 um of millimetres or more."""
+
+
+@compile_force_law
+@no_type_check
+def resist_evenly(t, s, v, spring, drive, memory, theta, d_memory):
+    """Return Coulomb friction, ``-theta[0] sign(v)``."""
+    return -math.copysign(theta[0], v)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 @no_type_check
-def _measure_contact(law, along, reference, t, state, rest, work, y, values, nothing, r):
-    """Speed along a direction, friction forward and backward there, and mobility, of rollout ``r``.
+def _measure_contact(slot, laws, geometry, t, state, work, y, values, nothing, r):
+    """Speed along a slot's direction, friction forward and backward there, and mobility, of rollout ``r``.
 
     The mobility is the acceleration along the direction that a unit of friction takes away.
     """
+    along, reference, contacts, rest = geometry[0][slot], geometry[2][slot], geometry[4], geometry[5]
     s, v, spring, drive, mobility, d = 0.0, 0.0, 0.0, 0.0, 0.0, len(rest)
     for i in range(d):
         s += along[i] * (state[i, r] - rest[i])
@@ -37,8 +49,11 @@ def _measure_contact(law, along, reference, t, state, rest, work, y, values, not
         spring += along[i] * work[i, r] / reference
         drive += along[i] * work[d + i, r] / reference
         mobility += along[i] * y[d + i, r] * reference
-    forward = -call_law(law, t, s, abs(v), spring, drive, nothing, values, nothing)
-    backward = call_law(law, t, s, -abs(v), spring, drive, nothing, values, nothing)
+    forward, backward = 0.0, 0.0
+    for k in range(len(laws)):
+        if contacts[k] == slot:
+            forward -= call_law(laws[k], t, s, abs(v), spring, drive, nothing, values[k], nothing)
+            backward += call_law(laws[k], t, s, -abs(v), spring, drive, nothing, values[k], nothing)
     return v, forward, backward, mobility
 
 
@@ -93,23 +108,23 @@ def correct_dry_friction(laws, geometry, sets, theta, t, h, before, state, memor
     ``before`` and ``state`` (2 d, R) are those before and after. Where the motion turned within the step,
     the correction acts since then.
     """
-    along, _, inertia, bristles, rest = geometry
+    along, _, inertia, bristles, contacts, rest = geometry
     d, nothing = rest.shape[0], np.empty(1)
     for slot in range(inertia.shape[0]):
-        if bristles[slot] < 0:
+        if contacts[slot] != slot:
             continue
         _respond(along[slot], m, y)
         for r in range(len(t)):
-            values = theta[sets[r], slot]
+            values = theta[sets[r]]
             v, forward, backward, mobility = _measure_contact(
-                *(laws[slot], along[slot], inertia[slot], t[r], state, rest, work, y, values, nothing, r)
+                *(slot, laws, geometry, t[r], state, work, y, values, nothing, r)
             )
             begin, since = 0.0, h[r]
             for i in range(d):
                 begin += along[slot, i] * before[d + i, r]
             if begin * v < 0.0:
                 since, begin = h[r] * abs(v) / (abs(v) + abs(begin)), 0.0
-            presliding, ratio = values[bristles[slot]], values[bristles[slot] + 1]
+            presliding, ratio = values[slot, bristles[slot]], values[slot, bristles[slot] + 1]
             memory[r, slot, 0], impulse, travel = _bend_bristles(
                 *(memory[r, slot, 0], v, begin, since, forward, backward, mobility, presliding, ratio)
             )
@@ -129,21 +144,21 @@ def settle_bristles(laws, geometry, sets, theta, t, state, recorded, memory, rat
     memory (R, slots, Z) along the recorded motion. ``rate`` (2 d, R) holds the forces without dry friction;
     what the slots so far bear is taken from it.
     """
-    along, _, inertia, bristles, rest = geometry
+    along, _, inertia, bristles, contacts, rest = geometry
     d, nothing = rest.shape[0], np.empty(1)
     for slot in range(inertia.shape[0]):
-        if bristles[slot] < 0:
+        if contacts[slot] != slot:
             continue
         _respond(along[slot], m, y)
         for r in range(len(t)):
-            values, pull = theta[sets[r], slot], 0.0
+            values, pull = theta[sets[r]], 0.0
             v, forward, backward, mobility = _measure_contact(
-                *(laws[slot], along[slot], inertia[slot], t[r], state, rest, work, y, values, nothing, r)
+                *(slot, laws, geometry, t[r], state, work, y, values, nothing, r)
             )
             for i in range(d):
                 pull += y[d + i, r] * rate[d + i, r]
             level = forward if pull > 0.0 else backward
-            energy = v * v / (mobility * level * values[bristles[slot]])
+            energy = v * v / (mobility * level * values[slot, bristles[slot]])
             share = recorded[r, slot, 0]
             if abs(pull) < mobility * level and energy < 1.0:
                 share += (1.0 - energy) ** 2 * (pull / (mobility * level) - share)

@@ -43,8 +43,8 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
 
     ``work`` (2 d, R) gets the conservative and the actuated forces; ``a`` (R,) is scratch.
     """
-    mass, mass_slope, damping, slope, input_map, dry, drag, width = fields
-    d, n, dry_anywhere, varies = m.shape[0], len(a), dry.any(), mass.shape[2] > 1
+    mass, mass_slope, damping, slope, input_map, drag = fields
+    d, n, varies = m.shape[0], len(a), mass.shape[2] > 1
     for i in range(d):
         _sum_products(slope[i], phi, a)
         for r in range(n):
@@ -57,8 +57,6 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
                 work[d + i, r] += a[r] * u[c, r]
         for r in range(n):
             rate[d + i, r] += work[d + i, r]
-        for r in range(n if dry_anywhere else 0):
-            rate[d + i, r] -= dry[i, r] * math.tanh(state[d + i, r] / width[i])
         for j in range(d):
             _sum_products(damping[i, j], phi, a)
             for r in range(n):
@@ -81,7 +79,7 @@ def _compute_forces(fields, phi, state, u, rate, work, m, a):
 @no_type_check
 def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, memory_rate):
     """Add the laws' forces to ``rate`` (2 d, R), and write the rates of their memories (R, slots, Z)."""
-    along, seen, inertia, bristles, rest = geometry
+    along, seen, inertia, _, contacts, rest = geometry
     d = rest.shape[0]
     for slot in range(inertia.shape[0]):
         reference = inertia[slot]
@@ -94,8 +92,9 @@ def _add_force_laws(laws, geometry, sets, theta, t, state, memory, work, rate, m
                 drive += along[slot, i] * work[d + i, r]
             values, z, z_rate = theta[sets[r], slot], memory[r, slot], memory_rate[r, slot]
             share = 1.0
-            if bristles[slot] >= 0:
-                share, v = abs(z[0]), math.copysign(v, z[0])
+            if contacts[slot] >= 0:
+                bent = memory[r, contacts[slot], 0]
+                share, v = abs(bent), math.copysign(v, bent)
             f = share * call_law(
                 laws[slot], t[r], s, v, spring / reference, drive / reference, z, values, z_rate
             )
@@ -177,7 +176,7 @@ def _settle(basis, fields, laws, geometry, theta, sets, t, u, state, memory, scr
     phi, x, waves, work, m, a, y, _, rate, recorded, _, z_rate, _ = scratch
     recorded[:] = memory
     for slot in range(len(laws)):
-        if geometry[3][slot] >= 0:
+        if geometry[4][slot] >= 0:
             memory[:, slot] = 0.0
     evaluate_basis(basis, state, x, waves, phi)
     _compute_forces(fields, phi, state, u, rate, work, m, a)
@@ -219,7 +218,7 @@ def _roll_out_side_by_side(
     jobs, basis, fields, geometry, laws, theta, memory, starts, first, length, time, u, u_of, steps, out
 ):
     """The rollouts ``jobs`` (R,) of a batch, in one thread: ``jobs // W`` are their sets of parameters."""
-    mass, damping, potential, input_map, dry, drag, width, rest = fields
+    mass, damping, potential, input_map, drag, rest = fields
     d, n_windows, reach = len(rest), starts.shape[1], DIVERGED_SCALES * basis[3]
     sets, windows = jobs // n_windows, jobs % n_windows
     state, memories = np.empty((2 * d, len(jobs))), np.empty((len(jobs), *memory.shape[2:]))
@@ -229,12 +228,12 @@ def _roll_out_side_by_side(
     own = (
         *(inert, _differentiate(basis, inert), _gather(damping, sets)),
         *(_differentiate(basis, _gather(potential, sets)), _gather(input_map, sets)),
-        *(_gather(dry, sets), _gather(drag, sets), width),
+        _gather(drag, sets),
     )
     scratch = _make_scratch(basis[0].shape[0], state, memories)
     inputs, t, h = np.empty((3, u.shape[-1], len(jobs))), np.empty(len(jobs)), np.empty(len(jobs))
     now, lost = np.empty(len(jobs), np.int64), np.zeros(len(jobs), np.bool_)
-    rubs = (geometry[3] >= 0).any()
+    rubs = (geometry[4] >= 0).any()
     for frame in range(length[windows].max()):
         for r in range(len(jobs)):
             p, w = sets[r], windows[r]
@@ -266,12 +265,13 @@ def roll_out_batch(
 
     Args:
         basis: kind, order, centre and scale of the basis, and both arrays of `Basis.derivatives`.
-        fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), dry friction and
-            drag (P, d), speed (d,) below which dry friction is linear, and rest (d,).
+        fields: mass and damping (P, d, d, K), potential (P, K), input map (P, n_u, d, K), drag (P, d) and
+            rest (d,); the dry friction of the simulator is among the laws.
         laws: addresses of compiled force laws (slots,).
         geometry: the directions (slots, d) in which they act and that they see, the reference inertia along
-            the first (slots,), and where dry friction has its presliding displacement among the parameters,
-            followed by the damping of its bristles over ``sqrt(stiffness mass)``, or -1 (slots,).
+            the first (slots,), where dry friction has its presliding displacement among the parameters,
+            followed by the damping of its bristles over ``sqrt(stiffness mass)``, or -1 (slots,), and the
+            first slot of its contact, or -1 (slots,).
         theta, memory: parameters of the laws (P, slots, n), and their memory at the windows' starts
             (P, W, slots, Z).
         starts: initial states (P, W, 2 d).

@@ -35,7 +35,7 @@ NAN = float("nan")
 NO_INTERVAL = Interval(None, None, None)
 NO_GAP = Gap(NAN, NAN, NAN, NAN, NAN, NO_INTERVAL)
 """Written where there is no gap, so that readers find its keys all the same."""
-OPTIONAL_WHERE = ("components", "memory_index", "evidence")
+OPTIONAL_WHERE = ("components", "evidence")
 
 
 class ParameterRecord(Struct):

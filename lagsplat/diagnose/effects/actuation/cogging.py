@@ -41,7 +41,6 @@ EFFECT = ForceEffect(
         f"record slow motion through the whole range for {20 * m.period_s:.3g} s",
     ),
     law=force,
-    energy_bounded=lambda p, placed: True,
     report_parameters=lambda p, placed: {
         "acceleration": math.hypot(p["cosine"], p["sine"]),
         "pitch": 2.0 * math.pi / p["wave_number"],

@@ -51,7 +51,6 @@ EFFECT = ForceEffect(
     ),
     place=place,
     law=force,
-    energy_bounded=lambda p, placed: p["kd"] >= 0.0,
     confusable_with=("linear_stiffness", "viscous_damping", "input_gain", "input_lag"),
     mujoco=to_mujoco,
     title="other gains of a position controller",

@@ -52,7 +52,6 @@ EFFECT = ForceEffect(
     needs="strong inputs at high and at low speed",
     place=place,
     law=force,
-    energy_bounded=lambda p, placed: True,
     excitation=grade_excitation,
     confusable_with=("input_saturation", "viscous_damping", "input_gain"),
     mujoco="the force range of an actuator does not depend on its speed.",

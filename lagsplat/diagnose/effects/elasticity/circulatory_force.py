@@ -41,7 +41,6 @@ EFFECT = ForceEffect(
     crosswise=True,
     constants=_constants,
     # a gyroscopic force does no work
-    energy_bounded=lambda p, placed: placed.variant == GYROSCOPIC,
     report_parameters=lambda p, placed: {
         "coupling": p["coupling"] * sum(_constants(placed.scales, placed.variant))
     },

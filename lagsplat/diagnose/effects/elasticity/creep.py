@@ -40,7 +40,6 @@ EFFECT = ForceEffect(
     law=force,
     memory_start=("s",),
     constants=lambda scales, variant: (scales.stiffness,),
-    passive=True,
     excitation=grade_excitation,
     confusable_with=("viscous_damping", "linear_stiffness", "parameter_drift"),
     flexible=True,

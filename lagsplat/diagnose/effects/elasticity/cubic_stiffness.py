@@ -38,7 +38,6 @@ EFFECT = ForceEffect(
         f"record swings at two amplitudes, one twice the other, {8 * m.period_s:.3g} s each",
     ),
     law=force,
-    energy_bounded=lambda p, placed: p["coefficient"] >= 0.0,
     confusable_with=("end_stop",),
     mujoco=to_mujoco,
     title="a spring that hardens or softens",

@@ -72,7 +72,6 @@ EFFECT = ForceEffect(
     variants=("upper", "lower"),
     law=force,
     constants=lambda scales, variant: (scales.stiffness, SIDE[variant], 0.01 * scales.coordinate),
-    passive=True,
     report_parameters=_report_parameters,
     confusable_with=("cubic_stiffness",),
     mujoco=to_mujoco,

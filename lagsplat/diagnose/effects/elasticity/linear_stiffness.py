@@ -81,7 +81,6 @@ EFFECT = ForceEffect(
         coefficients, potential=coefficients.potential * np.exp(theta[:, :1])
     ),
     # a scaled potential keeps its bounds; a spring that is taken away may not
-    energy_bounded=lambda p, placed: placed.variant != SPRING or p["ratio"] >= 1.0,
     report_parameters=_report_parameters,
     report_units={"added_stiffness": "1/s^2"},
     excitation=grade_excitation,

@@ -53,7 +53,6 @@ EFFECT = ForceEffect(
     law=force,
     constants=_constants,
     dry=("",),
-    passive=True,
     report_parameters=_report_parameters,
     confusable_with=("coulomb_friction", "viscous_damping", "constant_force"),
     mujoco="friction loss and damping of a joint are the same in both directions.",

@@ -1,19 +1,12 @@
 """Coulomb friction: ``Q = -m acceleration sign(v)`` in motion; bristles hold what rests."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
-from lagsplat.diagnose.solvers.force_laws import compile_force_law
-
-
-@compile_force_law
-def force(t, s, v, spring, drive, memory, theta, d_memory):
-    """Return ``-acceleration sign(v)``."""
-    return -math.copysign(theta[0], v)
+from lagsplat.diagnose.solvers.dry_friction import resist_evenly
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -39,9 +32,8 @@ EFFECT = ForceEffect(
     ),
     acts_everywhere=True,
     between_variants=("",),
-    law=force,
+    law=resist_evenly,
     dry=("",),
-    passive=True,
     confusable_with=("stribeck_friction", "load_dependent_friction", "hysteresis", "input_dead_zone"),
     mujoco=to_mujoco,
     title="dry friction",

@@ -47,7 +47,6 @@ EFFECT = ForceEffect(
     place=lambda effect, finder: finder.find_along_controlled(effect),
     law=force,
     dry=("",),
-    passive=True,
     excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on the load that it carries.",

@@ -29,7 +29,6 @@ EFFECT = ForceEffect(
         m.amplitude_ratio > 1.8 and m.periods > 6, m.periods > 3, describe_swings(m), ask_for_decay(m)
     ),
     law=force,
-    passive=True,
     confusable_with=("viscous_damping", "quadratic_drag"),
     mujoco="the damping of a joint does not depend on its position.",
     title="damping that depends on the position",

@@ -36,7 +36,6 @@ EFFECT = ForceEffect(
     ),
     acts_everywhere=True,
     law=force,
-    passive=True,
     confusable_with=("viscous_damping",),
     mujoco=to_mujoco,
     title="drag of air or water",

@@ -40,7 +40,6 @@ EFFECT = ForceEffect(
     between_variants=("",),
     law=force,
     dry=("",),
-    passive=True,
     report_parameters=lambda p, placed: {
         "coulomb": p["coulomb"],
         "static": p["coulomb"] * (1.0 + p["excess"]),

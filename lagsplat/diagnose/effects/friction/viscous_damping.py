@@ -49,7 +49,6 @@ EFFECT = ForceEffect(
     between_variants=("",),
     law=force,
     whole=add_damping,
-    energy_bounded=lambda p, placed: p["rate"] >= 0.0,
     confusable_with=("mass_change", "linear_stiffness", "input_gain", "creep", "quadratic_drag"),
     mujoco=to_mujoco,
     title="another viscous damping than the simulation's",

@@ -48,7 +48,6 @@ EFFECT = ModelEffect(
         else finder.find_along_coordinates(effect)
     ),
     change=lambda coefficients, theta, placed, model: add_inertia(coefficients, theta[:, 0], placed),
-    energy_bounded=lambda p, placed: True,
     excitation=grade_inertia,
     confusable_with=("mass_change", "payload", "linear_stiffness", "input_gain"),
     mujoco=to_mujoco,

@@ -41,7 +41,6 @@ EFFECT = ForceEffect(
     needs="broadband motion up to twice its frequency",
     law=force,
     memory_start=("s", "v"),
-    passive=True,
     report_parameters=lambda p, placed: {
         "frequency_hz": p["angular_frequency"] / 6.283185307179586,
         "mass_ratio": p["mass_ratio"],

@@ -50,7 +50,6 @@ EFFECT = ModelEffect(
     variants=("", WEIGHT),
     along="whole",
     change=change,
-    energy_bounded=lambda p, placed: True,
     excitation=grade_inertia,
     confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
     mujoco=to_mujoco,

@@ -51,7 +51,6 @@ EFFECT = ModelEffect(
     needs_all_forces=True,
     needs="a static hold and a motion, both under known inputs",
     change=change,
-    energy_bounded=lambda p, placed: True,
     excitation=grade_inertia,
     confusable_with=("mass_change", "armature", "linear_stiffness", "constant_force"),
     mujoco="a generalised coordinate does not tell which body carries the mass, and where.",

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from lagsplat.diagnose.core.config import RESIDUAL_REGRESSION
 from lagsplat.diagnose.residual.components import (
     compute_components,
     compute_explained_share,
-    compute_memory_index,
     compute_residual_correlations,
 )
 from lagsplat.diagnose.residual.features import FEATURE_GROUPS, compute_features
@@ -27,7 +25,7 @@ def components_of(residual, **kinds):
 
 
 def largest(residual) -> str:
-    shares, _ = compute_components(components_of(residual), np.ones(1))
+    shares = compute_components(components_of(residual), np.ones(1))
     return max(FEATURE_GROUPS, key=lambda name: shares[name])
 
 
@@ -48,7 +46,7 @@ def test_each_group_is_found(residual, group):
 
 def test_shares_are_a_division_of_the_whole():
     features = components_of(lambda t, q, v, u: -0.2 * v - 0.5 * q**3 + 0.5 * u)
-    shares, _ = compute_components(features, np.ones(1))
+    shares = compute_components(features, np.ones(1))
     assert sum(shares.values()) == pytest.approx(1.0)
     assert min(shares.values()) >= 0.0
     assert set(shares) == {*FEATURE_GROUPS, "unexplained"}
@@ -58,10 +56,9 @@ def test_shares_are_a_division_of_the_whole():
 def test_noise_is_unexplained():
     for seed in range(10):
         features = components_of(lambda t, q, v, u: 0.0 * q, seed=seed)
-        shares, memory_index = compute_components(features, np.ones(1))
+        shares = compute_components(features, np.ones(1))
         assert shares["unexplained"] > 0.8
-        assert memory_index < 0.1
-    shares, _ = compute_components(features, np.zeros(1))
+    shares = compute_components(features, np.zeros(1))
     assert shares["unexplained"] == 1.0
 
 
@@ -71,16 +68,6 @@ def test_features_that_know_nothing_explain_nothing_on_left_out_blocks():
     assert compute_explained_share(found, 0, rng.standard_normal((len(found.target), 20))) < 0.05
     assert compute_explained_share(found, 0, found.groups[0]["dissipative"]) > 0.9
     assert set(found.fold) == set(range(RESIDUAL_REGRESSION.folds))
-
-
-def test_the_past_matters_where_a_force_lags_and_only_there():
-    def lagging(t, q, v, u):
-        slow = lfilter([0.02], [1.0, -0.98], q[:, 0])[:, None]
-        return 3.0 * np.roll(q, 30, axis=0) + 10.0 * slow
-
-    assert compute_memory_index(components_of(lagging), 0) > 0.1
-    assert compute_memory_index(components_of(lambda t, q, v, u: -np.tanh(v / 0.5)), 0) < 0.1
-    assert compute_memory_index(components_of(lambda t, q, v, u: -q + 0.5 * u), 0) < 0.1
 
 
 def test_bent_positions_feign_the_force_that_the_smoother_finds():

@@ -5,12 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from lagsplat.diagnose.verdict.choice_model import (
-    Choice,
-    ChoiceModel,
-    fit_choice_model,
-    load_choice_model,
-)
+from benchmarks.calibration.choices import Choice
+from benchmarks.calibration.fit import fit_choice_model
+from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
 from lagsplat.diagnose.verdict.features import NAMES
 
 TRUE = np.array([1.5, -0.7, 0.4])

@@ -141,7 +141,6 @@ def where():
             "memory": 0.03,
             "unexplained": 0.06,
         },
-        "memory_index": 0.02,
         "evidence": {"q0": 0.3, "q1": 212.0},
         "smoothed": (smoothed,),
         "spectrum": MadeSpectrum(f, power, coherence, ("u0", "v_q0", "v_q1"), 0.5, ((0.7, 1.0, 0.8),)),
