@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import lagsplat
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.effects.registry import catalogue, register_effect
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
@@ -22,7 +22,6 @@ EFFECT = ForceEffect(
     equation="a = -acceleration where v > 0",
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     law=force,
-    excitation=lambda m: Grade("yes" if m.periods > 5 else "weak", "it swings", "record more swings"),
     title="a ratchet",
     kind="mechanism",
     what="A pawl rubs in one direction of motion only.",

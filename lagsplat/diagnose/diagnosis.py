@@ -9,9 +9,10 @@ import numpy as np
 from lagsplat.diagnose.core.config import PROBLEM, VERDICT, DiagnoseConfig
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.base import PlacedEffect
-from lagsplat.diagnose.effects.registry import catalogue
+from lagsplat.diagnose.effects.registry import catalogue, list_effects
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.inference.effect_search import EffectSearch, search_effects
+from lagsplat.diagnose.inference.excitation import grade_excitation
 from lagsplat.diagnose.inference.holdout import HoldoutForecasts, forecast_holdout
 from lagsplat.diagnose.inference.model_selection import ModelRanking, SearchBudget
 from lagsplat.diagnose.inference.placement import find_hints, place_effects
@@ -145,12 +146,15 @@ def _judge_gap(
         holdout = forecast_holdout(problem, ranking.none, chosen, given=given)
     except ValueError as error:
         holdout, warnings = None, [f"no closure: {error}", *warnings]
+    effects = [effect for effect in list_effects() if effect.name in names]
+    excitation = grade_excitation(ranking.information, effects)
     checks = {
         "natural_period_s": problem.period_s,
         "noise": problem.sigma.tolist(),
         **_find_undetermined(problem, alternatives),
         "refit": estimate_refit(problem, ranking.none, ranking.noise_inflation, (q_names, u_names)),
         **_measure_fits(sim, search, judgement),
+        "excitation": [asdict(row) for row in excitation],
     }
     if chosen is best and holdout is not None and not is_material(chosen, holdout, config.materiality):
         names = [placed.effect.name for placed in chosen.effects]
@@ -165,7 +169,7 @@ def _judge_gap(
         gap=holdout.gap if holdout else None,
         where=None,
         equivalent=judgement.equivalent if chosen.effects else (),
-        excitation=(),
+        excitation=tuple(f"{row.effect}: {row.record}" for row in excitation if row.record),
         warnings=tuple(warnings),
         absorbed=(),
         blocks=holdout.blocks if holdout else (),

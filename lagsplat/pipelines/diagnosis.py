@@ -105,7 +105,6 @@ def run_diagnosis(
         run.diagnosis,
         where=where,
         warnings=(*inputs.checked.warnings, *run.diagnosis.warnings, *lost),
-        excitation=tuple(f"{row.effect}: {row.record}" for row in inputs.excitation if row.record),
         absorbed=inputs.absorbed,
         checks={
             **run.diagnosis.checks,
@@ -113,7 +112,6 @@ def run_diagnosis(
             "sim_misfit": inputs.sim.misfit,
             **({"own_error": np.sqrt(sim.own_error).tolist()} if np.any(sim.own_error) else {}),
             "null_evidence": log_evidence_offset,
-            "excitation": [asdict(row) for row in inputs.excitation],
             "findings": [asdict(finding) for finding in inputs.checked.findings],
         },
     )

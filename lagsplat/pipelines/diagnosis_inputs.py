@@ -19,7 +19,6 @@ from lagsplat.diagnose.data_quality.natural_period import (
 )
 from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.diagnose.data_quality.sampling import REPEATED_SAMPLES_CHECK, average_dense_samples
-from lagsplat.diagnose.effects.excitation import Excitation, assess_excitation
 from lagsplat.diagnose.effects.registry import list_effects
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator, estimate_simulator
@@ -54,7 +53,6 @@ class DiagnosisInputs:
 
     sim: EstimatedSimulator
     checked: DataCheck
-    excitation: tuple[Excitation, ...]
     recordings: "RecordingPair | None" = None
     """The recordings with their images, where the sim is a fitted run."""
     targets: Mapping[str, str] = field(default_factory=dict)
@@ -203,24 +201,12 @@ def _read_sides(
 def _open_coupled(sides: _Sides, config: DiagnoseConfig) -> DiagnosisInputs:
     """One simulator of all coordinates."""
     models, checked, recordings = sides.models, sides.checked, sides.recordings
-    excitation = _assess_excitation(checked, checked.closed_loop, film=recordings is not None)
     null_motion = None if recordings is None else recordings.null_motion
     simulator, hold = _open_simulator(models, checked, config, null_motion)
     findings = _simulator_findings(simulator, sides.sim, sides.nominal, held=hold is not None)
     checked = replace(checked, findings=(*checked.findings, *findings))
     targets = _find_targets(models, checked.real.motions[0], config)
-    return DiagnosisInputs(simulator, checked, excitation, recordings, targets, hold)
-
-
-def _assess_excitation(checked: DataCheck, loop: Sequence[str], *, film: bool) -> tuple[Excitation, ...]:
-    """What the real recordings excite of each effect that they can show; nothing where nothing swings."""
-    period_s = checked.real.period_s or (checked.sim.period_s if checked.sim else None)
-    if period_s is None:
-        return ()
-    motions, noise = checked.real.motions, checked.real.noise
-    rows = assess_excitation(motions, period_s=period_s, noise=noise, closed_loop=tuple(loop))
-    unseen = list_unseen(film=film)
-    return tuple(row for row in rows if row.effect not in unseen)
+    return DiagnosisInputs(simulator, checked, recordings, targets, hold)
 
 
 def _open_joints(sides: _Sides, config: DiagnoseConfig) -> tuple[DiagnosisInputs, ...]:
@@ -257,11 +243,9 @@ def _open_joint(joint: JointModel, checked: DataCheck, config: DiagnoseConfig) -
     noise = measure_noise(joint.motions, period_s=period_s)
     logged = [replace(each, u=each.u[:, :1], u_names=each.u_names[:1], computed=()) for each in joint.motions]
     side = replace(checked.real, motions=tuple(logged), period_s=period_s, noise=noise)
-    loop = [joint.actuator] if checked.real.motions[0].u_names[joint.channel] in checked.closed_loop else []
-    excitation = _assess_excitation(replace(checked, real=side), loop, film=False)
     sim = calibrate_misfit(joint.sim, joint.nominal, config)
     checked = replace(checked, real=replace(side, motions=joint.motions))
-    return DiagnosisInputs(sim, checked, excitation, joint=joint)
+    return DiagnosisInputs(sim, checked, joint=joint)
 
 
 def list_unseen(*, film: bool) -> tuple[str, ...]:

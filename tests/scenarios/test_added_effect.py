@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from lagsplat.diagnose.core.result import Candidate
-from lagsplat.diagnose.data_quality.noise import measure_noise
 from lagsplat.diagnose.effects import registry
 from lagsplat.diagnose.effects.base import Effect
-from lagsplat.diagnose.effects.excitation import assess_excitation
 from lagsplat.diagnose.effects.registry import (
     catalogue,
     describe_effect,
@@ -24,7 +22,6 @@ from lagsplat.diagnose.effects.registry import (
     short_title,
 )
 from lagsplat.report.diagnosis.summary import name_candidate, title_candidate
-from tests.unit.diagnose.motions import PERIOD_S, swing
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lagsplat"
@@ -33,7 +30,7 @@ RATCHET = '''
 
 import math
 
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -50,7 +47,6 @@ EFFECT = ForceEffect(
     equation="a = -acceleration where v > 0",
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)),),
     law=force,
-    excitation=lambda m: Grade("yes" if m.periods > 5 else "weak", f"{m.periods:.2g} periods", "record more"),
     title="a ratchet",
     kind="mechanism",
     what="A pawl rubs in one direction of motion only.",
@@ -80,14 +76,6 @@ def test_it_is_in_the_catalogue(ratchet: Effect) -> None:
 def test_it_may_be_confused_both_ways(ratchet: Effect) -> None:
     assert find_confusable("ratchet") == {"ratchet", "coulomb_friction"}
     assert "ratchet" in find_confusable("coulomb_friction")
-
-
-def test_a_recording_is_graded_for_it(ratchet: Effect) -> None:
-    motion = swing(seconds=20.0)
-    noise = measure_noise([motion], period_s=PERIOD_S)
-    rows = {row.effect: row for row in assess_excitation([motion], period_s=PERIOD_S, noise=noise)}
-    assert rows["ratchet"].excited == "yes"
-    assert "periods" in rows["ratchet"].reason
 
 
 def test_the_report_has_words_for_it(ratchet: Effect) -> None:

@@ -111,6 +111,7 @@ class COMPATIBILITY:
     max_center_offset: float = 6.0  # distance of both motions' middles, in the sim's standard deviations [1]
     unit_ratio_tolerance: float = 0.35  # relative error of a ratio of sizes that is a ratio of units [1]
     striking_size_ratio: float = 20.0  # ratio of sizes that asks for an explanation [1]
+    constant_tolerance: float = 1e-6  # variation of a constant input over its size [1]: printed digits
 
 
 class DISCONTINUITIES:
@@ -156,14 +157,10 @@ class REPEATED_FRAMES:
 
 
 class EXCITATION:
-    """What counts as motion, rest and a level when excitation is measured. Commit d06fac6."""
+    """Log evidence from which an effect would show (Kass and Raftery 1995)."""
 
-    swing_noise_ratio: float = 5.0  # swing over the noise's standard deviation [1] from which it is one
-    slow_rate_share: float = 0.1  # rate, as a share of its rms [1], below which the motion is slow
-    rest_rate_share: float = 0.03  # rate over its rms [1] below which it rests; the rate's noise if larger
-    min_rest_periods: float = 0.5  # duration of a rest [natural periods]
-    level_separation: float = 0.1  # distance of two holds or input levels, as a share of the range [1]
-    constant_tolerance: float = 1e-6  # variation of a constant input over its size [1]: printed digits
+    strong: float = 3.0  # 20 to 1 [nat]
+    positive: float = 1.0  # 3 to 1 [nat]
 
 
 class NATURAL_PERIOD:

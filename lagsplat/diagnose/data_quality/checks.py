@@ -47,12 +47,6 @@ class DataCheck:
         """Texts of all warnings, those that forbid a verdict first."""
         return self.undetermined + tuple(finding.text for finding in self.findings if finding.level == "warn")
 
-    @property
-    def closed_loop(self) -> tuple[str, ...]:
-        """Names of the real side's inputs that a controller derives from the motion."""
-        findings = (finding for finding in self.findings if finding.check == "closed_loop")
-        return tuple(sorted({name for finding in findings for name in finding.columns}))
-
 
 def check_data(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> DataCheck:
     """Check both sides and prepare their motions.

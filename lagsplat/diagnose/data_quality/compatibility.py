@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lagsplat.diagnose.core.config import COMPATIBILITY, EXCITATION
+from lagsplat.diagnose.core.config import COMPATIBILITY
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -76,7 +76,7 @@ def check_inputs(sim: Sequence[Trajectory], real: Sequence[Trajectory]) -> list[
     effect.
     """
     findings = []
-    tolerance = EXCITATION.constant_tolerance
+    tolerance = COMPATIBILITY.constant_tolerance
     for name in real[0].u_names:
         if sim and name not in sim[0].u_names:
             continue

@@ -12,12 +12,11 @@ zero the effect is absent. The others are its shape.
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, Normal, Scales
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 
@@ -41,14 +40,6 @@ class EffectDescription:
     short_title: str = ""  # its name in a label, by default the effect's name with spaces for underscores
 
 
-class Grade(NamedTuple):
-    """How well a recording excites an effect."""
-
-    excited: Literal["yes", "weak", "no"]
-    reason: str
-    record: str  # what to record instead, with its length
-
-
 @dataclass(frozen=True, kw_only=True)
 class Effect(EffectDescription):
     """One entry of the catalogue; use one of the five subclasses, which say where the effect enters."""
@@ -60,8 +51,6 @@ class Effect(EffectDescription):
     equation: str
     parameters: tuple[EffectParameter, ...]
     needs: str = ""  # what a recording must contain to reveal it
-    excitation: Callable[..., Grade]
-    """``excitation(measures)`` grades a recording, or ``excitation(channel, measures)`` for one input."""
     mujoco: Callable[[Any, Mapping[str, Any]], tuple[str, ...]] | str
     """``mujoco(element, values)`` writes the effect into a MuJoCo model and returns what it changed, or
     nothing if it cannot; ``element`` is a `lagsplat.diagnose.augmented.mujoco_export.MujocoElement`, with the
@@ -135,7 +124,6 @@ class ForceEffect(Effect):
     """A force along one direction: see `lagsplat.diagnose.solvers.force_laws` for the law."""
 
     law: Any
-    excitation: Callable[[ExcitationMeasures], Grade]
     memory_start: tuple[Literal["zero", "s", "v"], ...] = ()
     """What each memory holds where a clip begins. What starts as ``s`` or ``v`` may begin elsewhere where a
     clip begins in mid-motion."""
@@ -194,7 +182,6 @@ class InputEffect(Effect):
 
     change: Callable[..., np.ndarray]
     memory: bool = False
-    excitation: Callable[[InputMeasures, ExcitationMeasures], Grade]
     time_shift: str = ""  # the parameter by which it shifts the input in time [s], if it does only that
     component: Component | None = "actuation"
     level: Level = "actuation"
@@ -218,7 +205,6 @@ class ObservationEffect(Effect):
     """An effect of the sensor: ``observe(y, v, t, theta (P, k), placed) -> y``, all (P, W, L, d)."""
 
     observe: Callable[..., np.ndarray]
-    excitation: Callable[[ExcitationMeasures], Grade]
     kind: Kind = "observation"
     group: str = "G"
     level: Level = "chart"

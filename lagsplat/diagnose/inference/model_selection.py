@@ -1,7 +1,7 @@
 """Rank single effects: a score test of all, full fits of the best, and the evidence of each fit."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,8 @@ class ModelRanking:
     none: HypothesisFit
     found: tuple[HypothesisFit, ...]
     noise_inflation: float  # factor on the variance of the noise [1] at which the best hypothesis fits
+    information: Mapping[str, float] = field(default_factory=dict)
+    """By effect, the log evidence that one as large as its prior's standard deviation would have [nat]."""
 
     def best_fit(self, name: str) -> HypothesisFit | None:
         """The fit of one effect with the largest evidence, over all places."""
@@ -69,13 +71,13 @@ def rank_hypotheses(
     zeros = np.zeros(problem.rollout_model.nuisance.size)
     base = known or refine_fit(problem, HypothesisFit((), problem.fit((), zeros)))
     enough = SELECTION.inflation_misfit * budget.nominal * problem.degrees_of_freedom
-    begun = begin_fits([problem], base, candidates, budget, report_progress=report_progress)
+    begun, information = begin_fits([problem], base, candidates, budget, report_progress=report_progress)
     found = [continue_fit(problem, hypothesis) for hypothesis in begun]
     if known is None and min(hypothesis.fit.misfit for hypothesis in (base, *found)) > enough:
         horizons = [problem, half := problem.halve_windows(), half.halve_windows()]
         other = lengthen_horizon(horizons, replace(base, fit=replace(base.fit, x=zeros)))
         base = min(base, refine_fit(problem, other), key=lambda hypothesis: hypothesis.fit.cost)
-        again = begin_fits(horizons, base, candidates, budget, report_progress=report_progress)
+        again, _ = begin_fits(horizons, base, candidates, budget, report_progress=report_progress)
         best: dict[int, HypothesisFit] = {}
         for hypothesis in [*found, *(continue_fit(problem, hypothesis) for hypothesis in again)]:
             place = id(hypothesis.effects[-1])
@@ -83,7 +85,8 @@ def rank_hypotheses(
         found = list(best.values())
     found.sort(key=lambda hypothesis: hypothesis.fit.cost)
     refined = [refine_fit(problem, hypothesis) for hypothesis in found[: budget.refined]]
-    return rank_by_evidence(problem, base, [*refined, *found[budget.refined :]], candidates, budget)
+    ranking = rank_by_evidence(problem, base, [*refined, *found[budget.refined :]], candidates, budget)
+    return replace(ranking, information=information)
 
 
 def begin_fits(
@@ -93,8 +96,9 @@ def begin_fits(
     budget: SearchBudget,
     *,
     report_progress: Callable[[str], None],
-) -> list[HypothesisFit]:
+) -> tuple[list[HypothesisFit], dict[str, float]]:
     """Brief fits of the candidates beside ``base``, to be continued, on the longest of the ``horizons``.
+    Beside them, `ModelRanking.information`.
 
     Two score tests choose what is fitted and where fits start: one with the nuisance parameters fitted to the
     gap, one with them held at zero. The first cannot see an effect that the nuisance parameters imitate, and
@@ -124,7 +128,12 @@ def begin_fits(
         for place in places[: config.places * len(variants)]:
             found.append(try_candidate(tried, base.effects, place, starts=config.starts, windows=windows))
     best = sorted(found, key=lambda hypothesis: hypothesis.fit.cost)[: budget.continued]
-    return [lengthen_horizon(horizons, hypothesis) for hypothesis in best]
+    seen = float(tried.windows.length.sum() / tried.windows.length[windows].sum())
+    scale = seen / (budget.nominal * budget.effective_sample_ratio)
+    information: dict[str, float] = {}
+    for test in tests[0]:
+        information[test.name] = max(information.get(test.name, 0.0), scale * test.information)
+    return [lengthen_horizon(horizons, hypothesis) for hypothesis in best], information
 
 
 def interleave(rows: Sequence[Sequence[Any]]) -> list[Any]:

@@ -21,6 +21,7 @@ class ScoreTestResult:
     gain: float
     starts: tuple[np.ndarray, ...]  # parameters of the effect to start from, the best first
     base: shooting.ShootingFit  # of the other effects, beside which it was tested
+    information: float  # log evidence of an effect as large as its prior's standard deviation [nat]
 
     @property
     def name(self) -> str:
@@ -55,13 +56,14 @@ def score_test(
             continue
         tried = []
         for x, change in _trial_changes(coarse, effects, there, candidate):
-            gain, amount = _score_gain(there, linear, prior, change, candidate)
+            gain, amount, information = _score_gain(there, linear, prior, change, candidate)
             if len(candidate.effect.amplitudes):
                 x[candidate.effect.amplitudes] = amount
-            tried.append((gain, x))
+            tried.append((gain, x, information))
         tried.sort(key=lambda row: -row[0])
         if tried:
-            scores.append(ScoreTestResult(candidate, tried[0][0], tuple(x for _, x in tried[:3]), fit))
+            starts, information = tuple(x for _, x, _ in tried[:3]), max(row[2] for row in tried)
+            scores.append(ScoreTestResult(candidate, tried[0][0], starts, fit, information))
     return sorted(scores, key=lambda score: -score.gain)
 
 
@@ -132,8 +134,11 @@ def _score_gain(
     prior: shooting.GaussianPrior,
     change: np.ndarray,
     candidate: PlacedEffect,
-) -> tuple[float, np.ndarray]:
-    """Misfit that the best amount of a change removes, and that amount, all other parameters refitted."""
+) -> tuple[float, np.ndarray, float]:
+    """Misfit that the best amount of a change removes, that amount, and the log evidence of a usual amount.
+
+    All other parameters are refitted.
+    """
     residual, slopes, start_slopes = linear
     k, amplitudes = slopes.shape[2], [candidate.effect.parameters[i] for i in candidate.effect.amplitudes]
     left = shooting.eliminate_starts(residual, np.concatenate([slopes, change], axis=2), start_slopes)
@@ -152,4 +157,6 @@ def _score_gain(
         if isinstance(p.prior, HalfNormal):
             amount[i] = max(amount[i], 1e-3 * p.prior.deviation)
         amount[i] = np.clip(amount[i], -3.0 * p.prior.deviation, 3.0 * p.prior.deviation)
-    return float(2.0 * amount @ amount_gradient - amount @ amount_curvature @ amount), amount
+    # half the misfit of one standard deviation of the prior
+    information = 0.5 * float(np.max(np.diag(amount_curvature) / own - 1.0))
+    return float(2.0 * amount @ amount_gradient - amount @ amount_curvature @ amount), amount, information

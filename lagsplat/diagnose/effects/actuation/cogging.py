@@ -6,7 +6,6 @@ Source: Islam, Mir and Sebastian, doi:10.1109/TIA.2004.827456.
 import math
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -34,12 +33,6 @@ EFFECT = ForceEffect(
         ),
     ),
     needs="slow motion through many places",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 1.8 and m.slow_share > 0.05,
-        m.periods > 4,
-        describe_swings(m),
-        f"record slow motion through the whole range for {20 * m.period_s:.3g} s",
-    ),
     law=force,
     report_parameters=lambda p, placed: {
         "acceleration": math.hypot(p["cosine"], p["sine"]),

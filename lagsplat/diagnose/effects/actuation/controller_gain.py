@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -43,12 +42,6 @@ EFFECT = ForceEffect(
         EffectParameter("kd", "rate", Normal(0.2), label="kd (real minus simulated)"),
     ),
     needs="steps of the position target",
-    excitation=lambda m: make_grade(
-        any(u.steps >= 3 for u in m.inputs) and m.periods > 3,
-        m.driven and m.periods > 3,
-        f"{max(u.steps for u in m.inputs)} step(s) of an input" if m.inputs else "no target is recorded",
-        ask_for_steps(m),
-    ),
     place=place,
     law=force,
     confusable_with=("linear_stiffness", "viscous_damping", "input_gain", "input_lag"),

@@ -10,7 +10,6 @@ from jaxtyping import Float64
 from numba import njit
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 
 
@@ -40,12 +39,6 @@ EFFECT = InputEffect(
         EffectParameter("start", "ratio", Normal(0.7), (-0.9, 0.0, 0.9)),
     ),
     needs="slow reversals of the input at two amplitudes",
-    excitation=lambda channel, m: make_grade(
-        channel.reversals >= 8 and channel.levels >= 2,
-        channel.reversals >= 4,
-        f"{channel.name} reverses {channel.reversals} times, from {channel.levels} size(s)",
-        f"drive it by slow triangles of two sizes for {20 * m.period_s:.3g} s",
-    ),
     change=change,
     report_parameters=lambda p, placed: {"width": p["width"]},
     confusable_with=("input_dead_zone", "coulomb_friction"),

@@ -3,7 +3,6 @@
 import numpy as np
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 EFFECT = InputEffect(
@@ -13,13 +12,6 @@ EFFECT = InputEffect(
     equation="u = sign(u_logged) max(|u_logged| - half_width, 0)",
     parameters=(EffectParameter("half_width", "input", log_normal(0.3, 1.0), (0.05, 0.2, 0.5, 1.0)),),
     needs="slow, small inputs through zero",
-    excitation=lambda channel, m: make_grade(
-        channel.crosses_zero and channel.small_share > 0.1,
-        channel.small_share > 0.03,
-        f"{channel.name} {'crosses zero' if channel.crosses_zero else 'stays on one side of zero'}, "
-        f"{100 * channel.small_share:.2g} % of it small",
-        f"let it pass slowly through zero for {10 * m.period_s:.3g} s",
-    ),
     acts_everywhere=True,
     change=lambda signal, theta: (
         np.sign(signal.values) * np.maximum(np.abs(signal.values) - np.abs(theta[:, :1]), 0.0)

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -36,7 +35,6 @@ EFFECT = InputEffect(
     acts_everywhere=True,
     change=delay_input,
     time_shift="delay",
-    excitation=grade_fast_input,
     confusable_with=("time_offset", "input_lag"),
     mujoco=to_mujoco,
     title="a delay of an input",

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
@@ -24,12 +23,6 @@ EFFECT = InputEffect(
     equation="u = ratio u_logged",
     parameters=(EffectParameter("ratio", "log_ratio", Normal(0.3), label="ratio (real to simulated)"),),
     needs="the input logged, with free motion beside it",
-    excitation=lambda channel, m: make_grade(
-        m.periods > 4,
-        True,
-        f"{channel.name} moves, between {channel.low:.2g} and {channel.high:.2g} natural frequencies",
-        f"record {10 * m.period_s:.3g} s of it",
-    ),
     acts_everywhere=True,
     change=lambda signal, theta: np.exp(theta[:, :1]) * signal.values,
     confusable_with=("mass_change", "linear_stiffness", "viscous_damping", "input_saturation"),

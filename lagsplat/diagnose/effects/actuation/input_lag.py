@@ -8,7 +8,6 @@ from jaxtyping import Float64
 from numba import njit
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import grade_fast_input
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 
 
@@ -59,7 +58,6 @@ EFFECT = InputEffect(
     acts_everywhere=True,
     change=change,
     memory=True,
-    excitation=grade_fast_input,
     confusable_with=("input_delay", "time_offset"),
     mujoco=to_mujoco,
     title="an actuator that follows its command slowly",

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import InputEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, LogNormal, log_normal
 
 
@@ -49,12 +48,6 @@ EFFECT = InputEffect(
         EffectParameter("sharpness", "ratio", LogNormal(1.0, math.log(10.0), lowest=0.0), (4.0, 20.0)),
     ),
     needs="inputs on both sides of the limit",
-    excitation=lambda channel, m: make_grade(
-        channel.levels >= 3,
-        channel.levels >= 2,
-        f"{channel.name} peaks at {channel.levels} size(s)",
-        f"drive it at three sizes up to its limit, {5 * m.period_s:.3g} s each",
-    ),
     acts_everywhere=True,
     change=change,
     confusable_with=("input_gain",),

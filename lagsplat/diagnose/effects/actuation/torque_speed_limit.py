@@ -3,9 +3,7 @@
 Source: Hughes and Drury, "Electric Motors and Drives", 2019, ch. 3, doi:10.1016/C2017-0-03226-3.
 """
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
 from lagsplat.diagnose.effects.parameters import EffectParameter, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -21,14 +19,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     most = stall * min(max(1.0 - speed, 0.0), 1.0)
     least = -stall * min(max(1.0 + speed, 0.0), 1.0)
     return min(max(drive, least), most) - drive
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows in strong inputs at high speed, beside weak ones."""
-    levels = max((channel.levels for channel in measures.inputs if channel.moves), default=0)
-    reason = f"inputs peak at {levels} size(s), slow half-swings {measures.speed_ratio:.2g} times the fast"
-    record = f"drive it at three sizes through its natural frequency, {5 * measures.period_s:.3g} s each"
-    return make_grade(levels >= 3 and measures.amplitude_ratio > 1.5, levels >= 2, reason, record)
 
 
 def place(effect: ForceEffect, finder: PlaceFinder) -> list[PlacedEffect]:
@@ -52,7 +42,6 @@ EFFECT = ForceEffect(
     needs="strong inputs at high and at low speed",
     place=place,
     law=force,
-    excitation=grade_excitation,
     confusable_with=("input_saturation", "viscous_damping", "input_gain"),
     mujoco="the force range of an actuator does not depend on its speed.",
     title="a motor that gives less torque the faster it turns",

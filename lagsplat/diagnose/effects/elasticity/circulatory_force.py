@@ -4,7 +4,6 @@ Source: Merkin, "Introduction to the Theory of Stability", 1997, ch. 6, doi:10.1
 """
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -31,9 +30,6 @@ EFFECT = ForceEffect(
     equation="a_1 = coupling s_2, a_2 = -coupling s_1; gyroscopic: v in place of s",
     parameters=(EffectParameter("coupling", "ratio", Normal(0.2)),),
     needs="free motion of both coordinates from several starts",
-    excitation=lambda m: make_grade(
-        m.periods > 6 and m.amplitude_ratio > 1.5, m.periods > 3, describe_swings(m), ask_for_decay(m)
-    ),
     variants=("", GYROSCOPIC),
     variant_units={"": "1/s^2", GYROSCOPIC: "1/s"},
     along="pairs",

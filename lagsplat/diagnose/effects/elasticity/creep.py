@@ -1,8 +1,6 @@
 """Viscoelastic creep of a linear solid: a spring in series with a dashpot, beside the mechanism's spring."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
-from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -13,16 +11,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     late = s - memory[0]
     d_memory[0] = late / theta[1]
     return -theta[0] * theta[2] * late
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a slow response to a step, and as a stiffness that grows with speed."""
-    stepped = any(c.moves and c.steps and c.low < 0.3 for c in measures.inputs)
-    wide = measures.speed_ratio > 2.0 or stepped or measures.holds >= 2
-    ratio = f"{measures.speed_ratio:.2g} times the fast ones, {measures.holds} hold(s)"
-    record = f"hold a step for {5 * measures.period_s:.3g} s or more, release it, and swing for as long"
-    few, many = measures.periods > 5, measures.periods > 8
-    return make_grade(wide and few, many, f"slow half-swings last {ratio}", record)
 
 
 EFFECT = ForceEffect(
@@ -40,7 +28,6 @@ EFFECT = ForceEffect(
     law=force,
     memory_start=("s",),
     constants=lambda scales, variant: (scales.stiffness,),
-    excitation=grade_excitation,
     confusable_with=("viscous_damping", "linear_stiffness", "parameter_drift"),
     flexible=True,
     mujoco="springs of joints have no internal state; it would need a massless body in series.",

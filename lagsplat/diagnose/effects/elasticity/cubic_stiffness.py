@@ -6,7 +6,6 @@ from typing import Any
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -31,12 +30,6 @@ EFFECT = ForceEffect(
     equation="a = -coefficient s^3",
     parameters=(EffectParameter("coefficient", "cubic", Normal(0.3)),),
     needs="two amplitudes, one at least twice the other",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 2.0 and m.periods > 5,
-        m.amplitude_ratio > 1.3 or m.driven,
-        describe_swings(m),
-        f"record swings at two amplitudes, one twice the other, {8 * m.period_s:.3g} s each",
-    ),
     law=force,
     confusable_with=("end_stop",),
     mujoco=to_mujoco,

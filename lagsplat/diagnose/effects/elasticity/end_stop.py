@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -63,12 +62,6 @@ EFFECT = ForceEffect(
         EffectParameter("loss", "slowness", HalfNormal(1.0), (0.05,)),
     ),
     needs="motion past the stop at three speeds",
-    excitation=lambda m: make_grade(
-        m.reversals >= 6 and m.amplitude_ratio > 1.5,
-        m.reversals >= 4,
-        describe_reversals(m),
-        f"reach the suspected stop at three speeds within {10 * m.period_s:.3g} s",
-    ),
     variants=("upper", "lower"),
     law=force,
     constants=lambda scales, variant: (scales.stiffness, SIDE[variant], 0.01 * scales.coordinate),

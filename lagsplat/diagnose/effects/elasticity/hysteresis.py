@@ -4,7 +4,6 @@ Source: Ikhouane and Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780
 """
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -29,13 +28,6 @@ EFFECT = ForceEffect(
         EffectParameter("exponent", "ratio", log_normal(1.5, 0.5), (1.5,)),
     ),
     needs="slow cycles at three amplitudes",
-    excitation=lambda m: make_grade(
-        m.reversals >= 8 and m.amplitude_ratio > 2.0,
-        m.reversals >= 6,
-        describe_reversals(m)
-        + (", slow inputs among them" if m.driven and any(channel.low < 0.4 for channel in m.inputs) else ""),
-        f"record slow cycles at three amplitudes and two speeds, {20 * m.period_s:.3g} s",
-    ),
     law=force,
     memory_start=("zero",),
     confusable_with=("coulomb_friction", "stribeck_friction", "load_dependent_friction"),

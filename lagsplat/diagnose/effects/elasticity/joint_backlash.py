@@ -1,7 +1,6 @@
 """Free play about rest: within ``gap`` of it the spring does not act."""
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -23,12 +22,6 @@ EFFECT = ForceEffect(
         EffectParameter("gap", "coordinate", log_normal(0.2, 1.0), (0.05, 0.15, 0.4, 0.8)),
     ),
     needs="a decay through small amplitudes",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 3.0 and m.reversals >= 8,
-        m.amplitude_ratio > 1.8 or m.slow_share > 0.1,
-        describe_swings(m),
-        ask_for_decay(m, 15.0),
-    ),
     law=force,
     constants=lambda scales, variant: (scales.stiffness,),
     mujoco="the force of a joint's spring is a polynomial, which has no flat part about rest.",

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade, PlacedEffect
-from lagsplat.diagnose.effects.excitation import ask_for_steps, make_grade
+from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -39,13 +37,6 @@ def _report_parameters(values: Mapping[str, float], placed: PlacedEffect) -> dic
     if placed.variant != SPRING or unit == placed.scales.stiffness:
         return dict(values)
     return {"added_stiffness": (values["ratio"] - 1.0) * unit}
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a frequency, and apart from inertia as a static response."""
-    static = measures.driven and any(channel.low < 0.5 for channel in measures.inputs)
-    reason = "slow inputs show stiffness apart from inertia" if static else "only the ratio to inertia shows"
-    return make_grade(static and measures.periods > 3, measures.periods > 2, reason, ask_for_steps(measures))
 
 
 def to_mujoco(element: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
@@ -83,7 +74,6 @@ EFFECT = ForceEffect(
     # a scaled potential keeps its bounds; a spring that is taken away may not
     report_parameters=_report_parameters,
     report_units={"added_stiffness": "1/s^2"},
-    excitation=grade_excitation,
     confusable_with=("mass_change", "input_gain", "viscous_damping", "creep", "parameter_drift"),
     mujoco=to_mujoco,
     title="another stiffness than the simulation's",

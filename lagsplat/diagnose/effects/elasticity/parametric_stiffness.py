@@ -6,7 +6,6 @@ Source: Mathieu's equation, Nayfeh and Mook, "Nonlinear Oscillations", 1995, ch.
 import math
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.external.external_periodic_force import measure_recurrence, place_at_lines
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
@@ -30,12 +29,6 @@ EFFECT = ForceEffect(
         EffectParameter("angular_frequency", "rate", log_normal(1.5, 0.8), (0.5, 1.0, 2.0, 3.0)),
     ),
     needs="fifteen swings or more",
-    excitation=lambda m: make_grade(
-        m.periods > 15,
-        m.periods > 6,
-        f"{m.periods:.3g} periods",
-        f"record {20 * m.period_s:.3g} s of large swings",
-    ),
     place=lambda effect, finder: place_at_lines(
         effect, finder, [hint.stiffness_lines_hz for hint in finder.hints]
     ),

@@ -6,7 +6,6 @@ from typing import Any
 from numpy.polynomial import Polynomial
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -30,13 +29,6 @@ EFFECT = ForceEffect(
     equation="a = acceleration",
     parameters=(EffectParameter("acceleration", "acceleration", Normal(0.3)),),
     needs="a stretch at rest",
-    excitation=lambda m: make_grade(
-        m.rest_periods > 0.5 or m.periods > 5,
-        m.periods > 2,
-        f"{m.periods:.3g} periods about one middle"
-        + (f", and at rest for {m.rest_periods:.2g}" if m.rest_periods else ""),
-        ask_for_decay(m),
-    ),
     acts_everywhere=True,
     law=force,
     confusable_with=("camera_change", "input_gain"),

@@ -12,7 +12,6 @@ import numpy as np
 
 from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.effects.base import Effect, ForceEffect, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -65,12 +64,6 @@ EFFECT = ForceEffect(
         EffectParameter("angular_frequency", "rate", log_normal(1.0, 1.0), (0.5, 1.0, 1.5, 2.0, 3.0)),
     ),
     needs="a stretch at rest of ten cycles",
-    excitation=lambda m: make_grade(
-        m.rest_periods > 5 or m.periods > 15,
-        m.periods > 6,
-        f"{m.periods:.3g} periods, the longest rest {m.rest_periods:.2g}",
-        f"record {15 * m.period_s:.3g} s, ten periods of it left at rest",
-    ),
     place=lambda effect, finder: place_at_lines(effect, finder, [hint.lines_hz for hint in finder.hints]),
     law=force,
     report_parameters=lambda p, placed: {

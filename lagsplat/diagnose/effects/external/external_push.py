@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from lagsplat.diagnose.core.config import RECURRENCE
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect, PlaceFinder
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -93,12 +92,6 @@ EFFECT = ForceEffect(
         *(EffectParameter(f"duration {n}", "time", log_normal(1.0, 0.8), (1.0,)) for n in range(N_PUSHES)),
     ),
     needs="a stretch in which nothing else moves it",
-    excitation=lambda m: make_grade(
-        m.periods > 6,
-        m.periods > 3,
-        f"{m.periods:.3g} periods of motion",
-        f"record {10 * m.period_s:.3g} s or more",
-    ),
     place=place,
     law=force,
     constants=lambda scales, variant: (scales.frame_s,),

@@ -1,7 +1,6 @@
 """A parameter that changes slowly: the stiffness, or a load, by ``rate`` a second and a quadratic term."""
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal, Scales
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -27,12 +26,6 @@ EFFECT = ForceEffect(
         EffectParameter("bend", "per_duration", Normal(0.05)),
     ),
     needs="the same motion early and late",
-    excitation=lambda m: make_grade(
-        m.periods > 25,
-        m.periods > 8,
-        f"{m.periods:.3g} periods in {m.clips} clip(s)",
-        f"repeat the same motion early and late within {40 * m.period_s:.3g} s",
-    ),
     variants=("", "load"),
     variant_units={"load": "{q}/s^3"},
     law=force,

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 
 from lagsplat.diagnose.effects.base import ForceEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal, Scales
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -42,12 +41,6 @@ EFFECT = ForceEffect(
         *PRESLIDING,
     ),
     needs="motion in both directions at several speeds",
-    excitation=lambda m: make_grade(
-        m.reversals >= 8 and m.amplitude_ratio > 1.8,
-        m.reversals >= 4,
-        describe_reversals(m),
-        ask_for_decay(m),
-    ),
     variants=("", VISCOUS),
     variant_units={VISCOUS: "1/s"},
     law=force,

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_reversals, make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.dry_friction import resist_evenly
 
@@ -24,12 +23,6 @@ EFFECT = ForceEffect(
     equation="a = -acceleration sign(v)",
     parameters=(EffectParameter("acceleration", "acceleration", HalfNormal(0.2)), *PRESLIDING),
     needs="a decay down to rest, or slow reversals",
-    excitation=lambda m: make_grade(
-        m.reversals >= 6 and (m.amplitude_ratio > 2.0 or m.rest_periods > 0.5),
-        m.reversals >= 4,
-        describe_reversals(m),
-        ask_for_decay(m),
-    ),
     acts_everywhere=True,
     between_variants=("",),
     law=resist_evenly,

@@ -5,9 +5,7 @@ Source: Duclusaud et al., "Extended friction models for the physics simulation o
 
 import math
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
-from lagsplat.diagnose.effects.excitation import make_grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -20,15 +18,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     """
     pull = theta[4] * (s + theta[5])
     return -math.copysign(theta[1] + theta[0] * abs(spring + pull - (drive - pull)), v)
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows at two loads or more."""
-    loads = measures.holds >= 2 or any(channel.levels >= 3 for channel in measures.inputs)
-    weak = measures.amplitude_ratio > 2.0 and measures.reversals >= 6
-    reason = f"{measures.reversals} reversals, {'several' if loads else 'one'} static load(s)"
-    record = f"record {10 * measures.period_s:.3g} s of small swings about each of two loaded poses"
-    return make_grade(loads and weak and measures.reversals >= 8, weak, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -47,7 +36,6 @@ EFFECT = ForceEffect(
     place=lambda effect, finder: finder.find_along_controlled(effect),
     law=force,
     dry=("",),
-    excitation=grade_excitation,
     confusable_with=("coulomb_friction", "stribeck_friction", "hysteresis"),
     mujoco="the friction loss of a joint does not depend on the load that it carries.",
     title="friction that grows with load",

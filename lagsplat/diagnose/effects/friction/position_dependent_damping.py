@@ -1,7 +1,6 @@
 """Damping that is stronger about one place: ``Q = -m rate v / (1 + ((s - place) / width)^2)``."""
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Normal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -25,9 +24,6 @@ EFFECT = ForceEffect(
         EffectParameter("width", "coordinate", log_normal(0.6, 0.6), (0.4, 1.0)),
     ),
     needs="every position passed at several speeds",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 1.8 and m.periods > 6, m.periods > 3, describe_swings(m), ask_for_decay(m)
-    ),
     law=force,
     confusable_with=("viscous_damping", "quadratic_drag"),
     mujoco="the damping of a joint does not depend on its position.",

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -28,12 +27,6 @@ EFFECT = ForceEffect(
     equation="a = -coefficient |v| v",
     parameters=(EffectParameter("coefficient", "per_coordinate", HalfNormal(0.2)),),
     needs="amplitudes that differ threefold",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 3.0 and m.periods > 4,
-        m.amplitude_ratio > 1.8,
-        describe_swings(m),
-        ask_for_decay(m),
-    ),
     acts_everywhere=True,
     law=force,
     confusable_with=("viscous_damping",),

@@ -6,7 +6,6 @@ Source: Armstrong-Helouvry, Dupont and Canudas de Wit, doi:10.1016/0005-1098(94)
 import math
 
 from lagsplat.diagnose.effects.base import ForceEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import PRESLIDING, EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -31,12 +30,6 @@ EFFECT = ForceEffect(
         *PRESLIDING,
     ),
     needs="a tenth of the samples slower than the Stribeck velocity",
-    excitation=lambda m: make_grade(
-        m.slow_share > 0.1 and m.reversals >= 6,
-        m.slow_share > 0.05 and m.reversals >= 4,
-        f"{100 * m.slow_share:.2g} % of the samples creep, {m.reversals} reversals",
-        f"record slow reversals for {20 * m.period_s:.3g} s, a tenth of the time nearly at rest",
-    ),
     between_variants=("",),
     law=force,
     dry=("",),

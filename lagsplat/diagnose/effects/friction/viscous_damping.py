@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch, ForceEffect
-from lagsplat.diagnose.effects.excitation import ask_for_decay, describe_swings, make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -41,9 +40,6 @@ EFFECT = ForceEffect(
     equation="a = -rate v",
     parameters=(EffectParameter("rate", "rate", Normal(0.2), label="rate (real minus simulated)"),),
     needs="ring-downs at two amplitudes",
-    excitation=lambda m: make_grade(
-        m.amplitude_ratio > 1.8 and m.periods > 4, m.periods > 3, describe_swings(m), ask_for_decay(m)
-    ),
     along="both",
     acts_everywhere=True,
     between_variants=("",),

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 
@@ -48,7 +47,6 @@ EFFECT = ModelEffect(
         else finder.find_along_coordinates(effect)
     ),
     change=lambda coefficients, theta, placed, model: add_inertia(coefficients, theta[:, 0], placed),
-    excitation=grade_inertia,
     confusable_with=("mass_change", "payload", "linear_stiffness", "input_gain"),
     mujoco=to_mujoco,
     title="the inertia of a rotor that the simulation does not have",

@@ -1,8 +1,6 @@
 """A degree of freedom that the simulation lacks: a second mass on a spring that is carried along."""
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures
-from lagsplat.diagnose.effects.base import ForceEffect, Grade
-from lagsplat.diagnose.effects.excitation import describe_swings, make_grade
+from lagsplat.diagnose.effects.base import ForceEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, log_normal
 from lagsplat.diagnose.solvers.force_laws import compile_force_law
 
@@ -15,16 +13,6 @@ def force(t, s, v, spring, drive, memory, theta, d_memory):
     d_memory[0] = memory[1]
     d_memory[1] = -pull
     return theta[0] * pull
-
-
-def grade_excitation(measures: ExcitationMeasures) -> Grade:
-    """It shows as a second resonance, and as energy that comes back."""
-    broad = any(channel.high > 1.5 for channel in measures.inputs)
-    sharp = measures.samples_per_period > 25 and measures.swing_over_noise > 30
-    reason = "inputs reach above the natural frequency" if broad else describe_swings(measures)
-    ring_s = 10 * measures.period_s
-    record = f"drive it up to twice the natural frequency, then let it ring for {ring_s:.3g} s"
-    return make_grade((broad or sharp) and measures.periods > 6, measures.periods > 4, reason, record)
 
 
 EFFECT = ForceEffect(
@@ -46,7 +34,6 @@ EFFECT = ForceEffect(
         "mass_ratio": p["mass_ratio"],
         "damping_ratio": p["damping_ratio"],
     },
-    excitation=grade_excitation,
     confusable_with=("external_periodic_force", "mass_change"),
     flexible=True,
     mujoco="it would need another body, whose place and axis a generalised coordinate does not tell.",

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 WEIGHT = "weight"  # variant in which the mass hangs, so that gravity acts on it
@@ -50,7 +49,6 @@ EFFECT = ModelEffect(
     variants=("", WEIGHT),
     along="whole",
     change=change,
-    excitation=grade_inertia,
     confusable_with=("linear_stiffness", "input_gain", "viscous_damping", "hidden_mode"),
     mujoco=to_mujoco,
     title="another mass than the simulation's",

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import CoefficientBatch, ModelEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import grade_inertia
 from lagsplat.diagnose.effects.inertia.armature import add_inertia
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal, Normal
 from lagsplat.diagnose.mechanics.basis import POWER
@@ -51,7 +50,6 @@ EFFECT = ModelEffect(
     needs_all_forces=True,
     needs="a static hold and a motion, both under known inputs",
     change=change,
-    excitation=grade_inertia,
     confusable_with=("mass_change", "armature", "linear_stiffness", "constant_force"),
     mujoco="a generalised coordinate does not tell which body carries the mass, and where.",
     title="a payload",

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 
@@ -27,12 +26,6 @@ EFFECT = ObservationEffect(
         EffectParameter("shift", "coordinate", Normal(0.1)),
     ),
     needs="a reference that stands still",
-    excitation=lambda m: make_grade(
-        False,
-        m.periods > 3 and (m.amplitude_ratio > 2.0 or m.driven),
-        "of coordinates alone only the curvature of the law tells a scale",
-        "record a reference that stands still too",
-    ),
     observe=observe,
     report_parameters=lambda p, placed: {"zoom": 1.0 + p["zoom"], "shift": p["shift"]},
     confusable_with=("input_gain", "constant_force"),

@@ -1,7 +1,6 @@
 """A zero that drifts, as with a camera that sinks: all coordinates shift by ``rate`` a second."""
 
 from lagsplat.diagnose.effects.base import ObservationEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
 EFFECT = ObservationEffect(
@@ -10,12 +9,6 @@ EFFECT = ObservationEffect(
     equation="y = q + rate t",
     parameters=(EffectParameter("rate", "drift", Normal(0.2)),),
     needs="a reference that stands still, or the same motion early and late",
-    excitation=lambda m: make_grade(
-        False,
-        m.periods > 8,
-        f"{m.periods:.3g} periods; a drift of the rest looks the same",
-        "record a reference that stands still too",
-    ),
     observe=lambda y, v, t, theta, placed: placed.direction.shift(y, theta[:, 0, None, None] * t),
     confusable_with=("parameter_drift",),
     camera="moves while recording",

@@ -1,7 +1,6 @@
 """A sensor of one coordinate whose scale or zero is off: another count, length or mounting."""
 
 from lagsplat.diagnose.effects.base import ObservationEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.measurement.camera_change import observe
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
 
@@ -16,12 +15,6 @@ EFFECT = ObservationEffect(
     ),
     needs_all_forces=True,
     needs="two positions that are known from elsewhere",
-    excitation=lambda m: make_grade(
-        False,
-        m.periods > 3 and (m.amplitude_ratio > 2.0 or m.driven),
-        "only the curvature of the law, or a known force, tells a scale",
-        "move each joint between two stops whose distance is known",
-    ),
     observe=observe,
     report_parameters=lambda p, placed: {"scale": 1.0 + p["scale"], "offset": p["offset"]},
     confusable_with=("input_gain", "constant_force", "mass_change"),

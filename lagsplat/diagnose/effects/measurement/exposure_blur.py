@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import ObservationEffect, PlacedEffect
-from lagsplat.diagnose.effects.excitation import make_grade
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 
@@ -34,12 +33,6 @@ EFFECT = ObservationEffect(
     equation="y = mean of q over some time",
     parameters=(EffectParameter("exposure", "frame", HalfNormal(1.0)),),
     needs="motion within one sample, and known of the sensor",
-    excitation=lambda m: make_grade(
-        False,
-        m.samples_per_period < 25 or m.speed_ratio > 2.0,
-        f"{m.samples_per_period:.3g} samples a period",
-        "record with a faster sensor or filter",
-    ),
     along="whole",
     observe=observe,
     camera="shutter",

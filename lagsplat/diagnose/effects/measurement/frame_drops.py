@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import SampleEffect
-from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SHARES = np.geomspace(0.0005, 0.3, 30)  # grid of the share of late frames [1], to maximise the likelihood
@@ -42,7 +41,6 @@ EFFECT = SampleEffect(
     needs="motion that is fast against the noise",
     explain=explain,
     repeats=True,
-    excitation=lambda m: grade_timing(m, "record faster swings, or read the sensor's own counter"),
     mujoco="it concerns the samples of the recording, not the mechanism.",
     title="lost or repeated samples",
     what="Some samples are missing or given twice, and the clock does not say so.",

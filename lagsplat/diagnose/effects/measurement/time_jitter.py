@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.effects.base import SampleEffect
-from lagsplat.diagnose.effects.excitation import grade_timing
 from lagsplat.diagnose.effects.parameters import EffectParameter, HalfNormal
 
 SIZES = np.geomspace(0.003, 3.0, 80)  # grid of the jitter [frames], for the maximum of the likelihood
@@ -60,7 +59,6 @@ EFFECT = SampleEffect(
     parameters=(EffectParameter("std", "frame", HalfNormal(0.5)),),
     needs="fast and slow stretches",
     explain=explain,
-    excitation=lambda m: grade_timing(m, "record faster swings, with the sensor's noise reduced"),
     mujoco="it concerns the time stamps of the recording, not the mechanism.",
     title="time stamps that scatter",
     what="Samples are stamped a little early or late at random.",

@@ -3,22 +3,9 @@
 Motion that is stamped late, a negative offset, looks the same as a delay of every input.
 """
 
-from lagsplat.diagnose.data_quality.excitation_measures import ExcitationMeasures, InputMeasures
 from lagsplat.diagnose.effects.actuation.input_delay import delay_input
-from lagsplat.diagnose.effects.base import Grade, InputEffect
-from lagsplat.diagnose.effects.excitation import grade_fast_input
+from lagsplat.diagnose.effects.base import InputEffect
 from lagsplat.diagnose.effects.parameters import EffectParameter, Normal
-
-
-def grade_excitation(channel: InputMeasures, measures: ExcitationMeasures) -> Grade:
-    """It shows where the input is fast, but a delay looks the same unless both clocks record one event."""
-    grade = grade_fast_input(channel, measures)
-    return Grade(
-        "weak" if grade.excited == "yes" else grade.excited,
-        f"{grade.reason}; a delay looks the same",
-        "record an event that both show, such as a knock",
-    )
-
 
 EFFECT = InputEffect(
     name="time_offset",
@@ -34,7 +21,6 @@ EFFECT = InputEffect(
     along="whole",
     change=lambda signal, theta: delay_input(signal, -theta),
     time_shift="offset",
-    excitation=grade_excitation,
     confusable_with=("input_delay", "input_lag"),
     mujoco="it concerns the clocks of the recording, not the mechanism.",
     title="clocks of motion and inputs that disagree",
