@@ -37,7 +37,7 @@ def inform(motion: Trajectory) -> float:
 
 
 def test_an_effect_gains_what_was_foretold() -> None:
-    """A tenth of the expected size, at which the motion is linear in it, beside a tolerance of the damping."""
+    """At a tenth of the expected size, where the motion is linear in it; the damping has a tolerance."""
     (expected,) = run_score_test(contest([record()]), "viscous_damping")[1]
     foretold = 0.01 * expected.information
     size = 0.1 * expected.placed.effect.parameters[0].prior.deviation
