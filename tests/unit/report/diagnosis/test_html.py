@@ -160,7 +160,7 @@ def test_text_from_data_is_never_markup():
     unit = replace(first.parameters["times"], unit=EVIL)
     wrong = replace(first, coordinate=EVIL, parameters={EVIL: unit})
     finding = {"level": EVIL, "source": EVIL, "what": EVIL, "why": EVIL, "remedy": EVIL}
-    row = {"effect": EVIL, "excited": "no", "nats": 0.0, "record": EVIL}
+    row = {"effect": EVIL, "excited": "no", "smallest": 0.5, "record": EVIL}
     bad = replace(
         made,
         candidates=(wrong, *rest),
