@@ -371,6 +371,7 @@ class IDENTIFICATION:
     test_width_factors: tuple[float, ...] = (1.0, 0.5, 0.25)  # lengths of test functions, over the usual [1]
     diverged_misfit: float = 50.0  # mean square residual of windows too long to follow [noise variances]
     fit_tolerance: float = 1e-4  # gain of a step that ends the fit, as a share of the misfit [1]
+    linearised_windows: int = 32  # windows by which larger structures are compared, at most [count]
     window_scales: tuple[float, float] = (0.35, 0.12)  # window lengths about an unstable rest, relative [1]
     min_window_frames: int = 12  # frames of a window, at least [count]
     symmetrizer_prior: float = 0.1  # weight of a unit inertia beside symmetric stiffness and damping [1]

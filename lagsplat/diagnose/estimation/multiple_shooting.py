@@ -235,6 +235,16 @@ def measure_windows(
     return np.array([(row[:n] ** 2).mean() for row, n in zip(residual, length, strict=True)])
 
 
+def choose_windows(fit: ShootingFit, length: Int64[np.ndarray, " W"], most: int) -> Int64[np.ndarray, " V"]:
+    """At most ``most`` windows, evenly spaced in the order of what the fit leaves of them.
+
+    Those of which it leaves the most are among them: there an effect that acts rarely acts.
+    """
+    left = measure_windows(fit.residual, length)
+    spaced = np.linspace(0, len(left) - 1, min(len(left), most)).round().astype(np.int64)
+    return np.sort(np.argsort(-left)[spaced])
+
+
 def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:
     """Samples that count as one: the two-sided sum of the autocorrelation to its first zero.
 

@@ -11,9 +11,12 @@ from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_peri
 from lagsplat.diagnose.estimation import dataset
 from lagsplat.diagnose.identification.novelty import KnownRegion, NoveltyDetector, drop_outlier_windows
 from lagsplat.diagnose.identification.structure_search import (
+    IdentificationProblem,
     IdentifiedModel,
     InformationCriterion,
+    build_identification_problem,
     identify_model,
+    refit_model,
 )
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.mechanics.structure import flatten_coefficients
@@ -55,8 +58,14 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
     period_s = estimate_spectral_period_s(motions)
     ready = dataset.prepare_dataset(motions, period_s=period_s)
 
+    def pose(windows: dataset.WindowSet) -> IdentificationProblem:
+        return build_identification_problem(ready, windows, config, period_s=period_s)
+
     def identify(windows: dataset.WindowSet) -> IdentifiedModel:
-        return identify_model(ready, windows, config, period_s=period_s)
+        return identify_model(pose(windows), period_s=period_s)
+
+    def refit(identified: IdentifiedModel, windows: dataset.WindowSet) -> IdentifiedModel:
+        return refit_model(pose(windows), identified)
 
     def fit_windows(scale: float, without: tuple[dataset.FileSpan, ...] = ()) -> EstimatedSimulator:
         length_s = scale * config.window_periods * period_s
@@ -65,7 +74,7 @@ def estimate_simulator(motions: Sequence[Trajectory], config: DiagnoseConfig) ->
         kept = dataset.drop_overlapping_windows(windows, ready.dataset, without)
         if len(kept.first) >= NOVELTY.min_windows:
             windows = kept
-        identified, outliers = drop_outlier_windows(identify(windows), identify)
+        identified, outliers = drop_outlier_windows(identify(windows), refit, identify)
         model = move_rest_to_minimum(identified.model, ready.dataset.smooth)
         return EstimatedSimulator(
             model,

@@ -76,9 +76,13 @@ def window_features(windows: WindowSet, dataset: Dataset) -> Float64[np.ndarray,
 
 
 def drop_outlier_windows(
-    identified: IdentifiedModel, identify: Callable[[WindowSet], IdentifiedModel]
+    identified: IdentifiedModel,
+    refit: Callable[[IdentifiedModel, WindowSet], IdentifiedModel],
+    identify: Callable[[WindowSet], IdentifiedModel],
 ) -> tuple[IdentifiedModel, WindowSet]:
     """Identify a model again without its windows of largest residual, if the rest then fits far better.
+
+    They are left out one by one, the model being refitted after each.
 
     Returns:
         ``identified`` or the model without the outliers, and the windows that were left out.
@@ -91,7 +95,7 @@ def drop_outlier_windows(
         if best.misfit < NOVELTY.good_misfit or misfits[worst] < NOVELTY.outlier_ratio * np.median(misfits):
             break
         kept = np.delete(kept, worst)
-        best = identify(windows.select(kept))
+        best = refit(best, windows.select(kept))
     if best.misfit < NOVELTY.max_remaining_share * identified.misfit:
-        return best, windows.select(np.setdiff1d(np.arange(n), kept))
+        return identify(windows.select(kept)), windows.select(np.setdiff1d(np.arange(n), kept))
     return identified, windows.select(np.zeros(0, dtype=np.int64))

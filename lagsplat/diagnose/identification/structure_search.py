@@ -21,6 +21,7 @@ from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
     ShootingFit,
+    choose_windows,
     compute_autocorrelation_time,
     differentiate_predictions,
     eliminate_starts,
@@ -124,6 +125,14 @@ class IdentificationProblem:
         held = self.config.input_hold == "zoh"
         return CoefficientRollout(model, self.dataset, self.windows, moves, self.steps, held)
 
+    def select_windows(self, fit: ShootingFit) -> tuple["IdentificationProblem", ShootingFit]:
+        """The problem, and a fit of it, on `IDENTIFICATION.linearised_windows` of its windows, at most."""
+        chosen = choose_windows(fit, self.windows.length, IDENTIFICATION.linearised_windows)
+        windows = self.windows.select(chosen)
+        y, weight = (values[chosen, : windows.longest] for values in (self.data.y, self.data.weight))
+        data = ShootingData(y, weight, self.data.start_step)
+        return replace(self, windows=windows, data=data), fit.select(chosen, windows.longest)
+
     def linearise(
         self, model: MechanicalModel, moves: np.ndarray, starts: np.ndarray
     ) -> tuple[Float64[np.ndarray, "n n"], Float64[np.ndarray, " n"]]:
@@ -196,12 +205,15 @@ def _principal_axes(scatter: Float64[np.ndarray, "n n"]) -> Float64[np.ndarray, 
 def predict_criteria(
     problem: IdentificationProblem, best: StructureFit, larger: list[ModelStructure]
 ) -> list[InformationCriterion]:
-    """Predict the criterion of each larger structure, from a single linearisation for all."""
+    """Predict the criterion of each larger structure, from one linearisation for all, of some windows."""
     sizes = {name: max(getattr(form, name) for form in larger) for name in SIZED_FIELDS}
     union = ModelStructure(**sizes, dry=True, drag=True)
     padded = pad_model(best.model, union)
     moves = list_free_directions(padded, union, problem.speed)
-    curvature, gradient = problem.linearise(padded, moves, best.fit.starts)
+    part, fit = problem.select_windows(best.fit)
+    curvature, gradient = part.linearise(padded, moves, fit.starts)
+    share = part.windows.length.sum() / problem.windows.length.sum()
+    curvature, gradient = curvature / share, gradient / share
     predicted = []
     for structure in larger:
         fixed = ~list_free_directions(padded, structure, problem.speed).any(axis=0)
@@ -294,10 +306,10 @@ def add_unseen_terms(
     return padded, problem.linearise(padded, moves, best.fit.starts)[0], moves
 
 
-def identify_model(
+def build_identification_problem(
     ready: PreparedDataset, windows: WindowSet, config: DiagnoseConfig, *, period_s: float
-) -> IdentifiedModel:
-    """Identify the model of a simulator, of natural period ``period_s``, from windows of recordings."""
+) -> IdentificationProblem:
+    """Windows of the recordings of a simulator of natural period ``period_s``, to be fitted."""
     dataset = ready.dataset
     data = ShootingData(
         windows.take(dataset.q),
@@ -305,7 +317,12 @@ def identify_model(
         1e-4 * np.concatenate([np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)]),
     )
     steps = max(1, int(np.ceil(dataset.dt_s * config.steps_per_period / period_s)))
-    problem = IdentificationProblem(dataset, windows, data, steps, config)
+    return IdentificationProblem(dataset, windows, data, steps, config)
+
+
+def identify_model(problem: IdentificationProblem, *, period_s: float) -> IdentifiedModel:
+    """Identify the model of a simulator of natural period ``period_s``."""
+    dataset = problem.dataset
     degree = {1: 7, 2: 5}.get(dataset.d, 3)  # of the polynomials; the number of terms grows fast with d
     candidates = []
     for basis in build_candidate_bases(dataset.q, degree=degree):
@@ -326,7 +343,15 @@ def identify_model(
     limit = IDENTIFICATION.equivalent_misfit_ratio * max(best.fit.misfit, problem.n_data)
     if decoupled is not model and problem.compute_misfit(decoupled) < limit:
         model, freedom = decoupled, remaining
-    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, windows, best.criterion)
+    return IdentifiedModel(model, best.structure, misfit, freedom, best.fit, problem.windows, best.criterion)
+
+
+def refit_model(problem: IdentificationProblem, identified: IdentifiedModel) -> IdentifiedModel:
+    """The same structure fitted to the windows of another problem; what is uncertain of it stays."""
+    padded = pad_model(identified.model, identified.structure)
+    again = problem.refine(padded, identified.structure, problem.initial_states)
+    misfit = again.criterion.misfit / max(problem.n_data - len(again.moves), 1.0)
+    return replace(identified, model=again.model, misfit=misfit, fit=again.fit, windows=problem.windows)
 
 
 def decouple_inertia(

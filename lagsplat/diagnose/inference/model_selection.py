@@ -12,7 +12,7 @@ from lagsplat.diagnose.core.config import SELECTION, DiagnoseConfig
 from lagsplat.diagnose.effects.base import PlacedEffect, SampleEffect
 from lagsplat.diagnose.estimation import multiple_shooting as shooting
 from lagsplat.diagnose.inference.problem import EstimationProblem, HypothesisFit, compute_log_evidence
-from lagsplat.diagnose.inference.score_test import ScoreTestResult, choose_windows, score_test, select_windows
+from lagsplat.diagnose.inference.score_test import ScoreTestResult, score_test, select_windows
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def begin_fits(
         if unmoved.misfit > SELECTION.unmoved_misfit_ratio * beside.misfit:
             beginnings.append((frozen, replace(unmoved, x=zeros)))
     most = SELECTION.tested_windows * 2 ** (len(horizons) - 1)
-    config, windows = budget.config, choose_windows(beside, tried.windows.length, most)
+    config, windows = budget.config, shooting.choose_windows(beside, tried.windows.length, most)
     tests = [score_test(each, base.effects, fit, candidates, windows) for each, fit in beginnings]
     names = interleave([list(dict.fromkeys(test.name for test in row))[: config.families] for row in tests])
     names += [name for name in config.always_fitted if any(test.name == name for test in tests[0])]

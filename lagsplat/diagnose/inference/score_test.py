@@ -67,18 +67,6 @@ def score_test(
     return sorted(scores, key=lambda score: -score.gain)
 
 
-def choose_windows(
-    fit: shooting.ShootingFit, length: Int64[np.ndarray, " W"], most: int
-) -> Int64[np.ndarray, " V"]:
-    """At most ``most`` windows, evenly spaced in the order of what the fit leaves of them.
-
-    Those of which it leaves the most are among them: there an effect that acts rarely acts.
-    """
-    left = shooting.measure_windows(fit.residual, length)
-    spaced = np.linspace(0, len(left) - 1, min(len(left), most)).round().astype(np.int64)
-    return np.sort(np.argsort(-left)[spaced])
-
-
 def select_windows(
     problem: EstimationProblem, fit: shooting.ShootingFit, windows: np.ndarray | None
 ) -> tuple[EstimationProblem, shooting.ShootingFit]:

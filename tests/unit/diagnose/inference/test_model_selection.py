@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from lagsplat.diagnose.effects.base import DisturbanceHints, PlacedEffect, SampleEffect
-from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, eliminate_starts
+from lagsplat.diagnose.estimation.multiple_shooting import ShootingFit, choose_windows, eliminate_starts
 from lagsplat.diagnose.inference.model_selection import (
     continue_fit,
     lengthen_horizon,
@@ -21,7 +21,7 @@ from lagsplat.diagnose.inference.problem import (
     compute_log_evidence,
     make_joint_prior,
 )
-from lagsplat.diagnose.inference.score_test import choose_windows, score_test
+from lagsplat.diagnose.inference.score_test import score_test
 from tests.unit.diagnose.toys import contest, film, own, wave
 
 TRIED = (
