@@ -19,6 +19,7 @@ from lagsplat.diagnose.inference.score_test import score_test
 from lagsplat.io.trajectory.trajectory import Trajectory
 from tests.unit.diagnose.toys import contest, coupled, wave
 
+MECHANISM = replace(coupled(), dry=np.zeros(2))
 FRICTION = np.array([1.5, 0.6])  # accelerations of each coordinate alone
 LAG_S = (0.04, 0.09)
 NAMES = ("q0", "q1")
@@ -26,7 +27,7 @@ NAMES = ("q0", "q1")
 
 def film(force: Callable[[np.ndarray], np.ndarray], *, lag_s: tuple[float, float] = (0.0, 0.0)) -> Trajectory:
     """20 s of the coupled mechanism under two inputs, with a force by its velocity and late actuators."""
-    model, times = coupled(), np.arange(1000) / 50.0
+    model, times = MECHANISM, np.arange(1000) / 50.0
     waves = (wave(1), wave(2))
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
@@ -64,8 +65,8 @@ def best(one: EstimationProblem, offer: PlacedEffect):
 
 
 def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
-    heavy = np.diag(coupled().inertia)
-    seen = contest([film(lambda v: -FRICTION * heavy * np.tanh(v / 0.02))], model=coupled())
+    heavy = np.diag(MECHANISM.inertia)
+    seen = contest([film(lambda v: -FRICTION * heavy * np.tanh(v / 0.02))], model=MECHANISM)
     offers = offered(seen, "coulomb_friction")
     joint = offers["everywhere"]
     assert {offer.location for label, offer in offers.items() if label != "everywhere"} == {*NAMES, "q1 - q0"}
@@ -79,7 +80,7 @@ def test_friction_in_both_joints_is_told_from_friction_in_one() -> None:
 
 
 def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
-    seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=coupled())
+    seen = contest([film(np.zeros_like, lag_s=LAG_S)], model=MECHANISM)
     fits = {label: best(seen, offer) for label, offer in offered(seen, "input_lag").items()}
     joint = fits.pop("everywhere")
     assert joint.fit.misfit / seen.degrees_of_freedom < 1.3
@@ -89,7 +90,7 @@ def test_a_lag_of_both_actuators_is_told_from_a_lag_of_one() -> None:
 
 
 def test_the_sim_with_it_holds_each_place_by_itself() -> None:
-    seen = contest([film(np.zeros_like)], model=coupled())
+    seen = contest([film(np.zeros_like)], model=MECHANISM)
     both = offered(seen, "coulomb_friction")["everywhere"]
     unknowns = [0.2, -6.0, 0.0, 0.3, -6.0, 0.0]
     x = np.concatenate([unknowns, np.zeros(seen.rollout_model.nuisance.size)])
