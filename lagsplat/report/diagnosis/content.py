@@ -16,6 +16,7 @@ import pandas as pd
 from jaxtyping import Float64, UInt8
 
 from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis
+from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
@@ -24,6 +25,7 @@ from lagsplat.report.common.formatting import format_interval, format_number
 SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial", "joints")
 """Checks that have a function of their own; `read_measures` gives the others."""
 MAX_RECOMMENDED = 3  # recordings that are recommended at once [count]
+ADVICE_FROM = 0.01  # probability of an effect from which a recording is recommended for it
 EMPTY_WHERE: dict[str, Any] = {
     "level": None,
     "coordinates": {},
@@ -110,13 +112,17 @@ def list_excited(diagnosis: Diagnosis, grade: str) -> list[str]:
 
 
 def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Recommend what to record to see the likeliest effects that this recording shows badly.
+    """Recommend what to record: what tells likely effects apart or, where none is missing, shows others.
 
     At most `MAX_RECOMMENDED` different recordings, each with the likeliest effect that it would show.
     """
-    rows = [text.partition(": ")[::2] for text in diagnosis.excitation]
     probabilities = {candidate.name: candidate.probability for candidate in diagnosis.candidates}
-    open_effects = [(name, record) for name, record in rows if name not in diagnosis.combination]
+    if diagnosis.verdict == "none":
+        rows = [text.partition(": ")[::2] for text in diagnosis.excitation]
+    else:
+        likely = (name for name, probability in probabilities.items() if probability >= ADVICE_FROM)
+        rows = [(name, catalogue()[name].needs) for name in likely if name in catalogue()]
+    open_effects = [(name, record) for name, record in rows if record and name not in diagnosis.combination]
     distinct: dict[str, str] = {}
     for name, record in sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0)):
         distinct.setdefault(record, name)

@@ -34,7 +34,6 @@ from lagsplat.report.diagnosis.content import (
 CERTAIN_FROM = 0.8  # probability from which the summary says "the cause"
 LIKELY_FROM = 0.5  # probability from which it says "the likely cause"
 UNEXPLAINED_RATIO = 1.25  # remaining gap over its floor, above which something else is missing too
-ADVICE_FROM = 0.01  # probability of an effect from which the summary advises a recording for it
 FULL_PERIOD = 0.85  # natural periods from which a horizon counts as one
 SUBSTANTIAL_SHARE = 0.5  # misfit of several effects over that of the nearest, below which they are mentioned
 MAX_NAMED = 4  # effects that a sentence lists
@@ -359,8 +358,7 @@ def _recommend_next(diagnosis: Diagnosis) -> str:
         played = f"; its inputs are in {NEXT_INPUTS.format(1)}" if len(first.input) > 1 else ""
         return f"{first.text}{played}."
     for effect, record in recommend_recordings(diagnosis)[:1]:
-        if diagnosis.verdict == "none" or sum_probability(diagnosis, effect) >= ADVICE_FROM:
-            return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
+        return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
     return ""
 
 

@@ -97,7 +97,6 @@ def test_checks_come_first(full):
             "the data</h2>",
             "Shown well",
             "What was found",
-            "Record this next",
             "What it rests on",
             "All candidates",
             "effect by effect</h2>",
@@ -105,6 +104,9 @@ def test_checks_come_first(full):
         )
     ]
     assert places == sorted(places)
+    assert "Record this next" not in full
+    undecided = render_report(KINDS["undecided"], ReportContent())
+    assert undecided.index("What was found") < undecided.index("Record this next")
 
 
 def test_everything_is_told(full):
