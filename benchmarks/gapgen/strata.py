@@ -143,11 +143,9 @@ def _tolerance(rng: np.random.Generator, ratios: tuple[float, ...], *, exact: bo
 
 def _discrepancy(rng: np.random.Generator, ratios: tuple[float, ...]) -> float:
     """Gap over the floor by which nature's laws differ from those of equations and catalogue."""
-    shows, share, alone = (
-        rng.random() < DISCREPANT,
-        _log_uniform(rng, DISCREPANCY_SHARE),
-        float(rng.uniform(*DISCREPANCY_ALONE)),
-    )
+    # all drawn alike, so that the numbers after them do not depend on what shows
+    shows = rng.random() < DISCREPANT
+    share, alone = _log_uniform(rng, DISCREPANCY_SHARE), float(rng.uniform(*DISCREPANCY_ALONE))
     if not shows:
         return 1.0
     return float(np.hypot(1.0, share * np.sqrt(max(ratios) ** 2 - 1.0))) if ratios else alone

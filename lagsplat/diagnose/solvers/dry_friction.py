@@ -24,7 +24,7 @@ from lagsplat.diagnose.solvers.cholesky import solve_batch
 from lagsplat.diagnose.solvers.force_laws import call_law, compile_force_law
 
 PRESLIDING_SHARE = 0.003
-"""Presliding displacement over the usual motion: in bearings and gears 1 to 100 um of millimetres or more."""
+"""Presliding displacement over the usual motion [1]; bearings give way by micrometres, and move by more."""
 
 
 @compile_force_law
