@@ -156,23 +156,34 @@ def _locate(
 ) -> ResidualLocation | None:
     """Where the gap lies; None where the sim's forces are not finite along the real motion.
 
-    With a verdict, named components get its probability, and the residual shares the rest.
+    The level is that of the verdict's leading effect, without one the likeliest, and perception where images
+    are ``suspect``. With a verdict, named components get its probability, and the residual shares the rest.
     """
     period_s, hold = run.diagnosis.checks["natural_period_s"], config.input_hold
     try:
         model, real = inputs.sim.model, inputs.real
-        where = locate(model, real, period_s=period_s, hold=hold, perception_suspect=suspect)
+        where = locate(model, real, period_s=period_s, hold=hold)
     except np.linalg.LinAlgError:
         return None
+    level = "perception" if suspect else find_likeliest_level(run.diagnosis.candidates)
     chosen = [effect.effect for effect in run.chosen.effects]
     if not run.diagnosis.combination or not chosen:
-        return where
+        return replace(where, level=level)
     probability = run.diagnosis.candidates[0].probability
     named = [effect.component for effect in chosen if effect.component is not None]
     shares = {name: (1.0 - probability if named else 1.0) * share for name, share in where.components.items()}
     for name in named:
         shares[name] = shares.get(name, 0.0) + probability / len(named)
     return replace(where, level=chosen[0].level, components=shares)
+
+
+def find_likeliest_level(candidates: Sequence[Candidate]) -> str:
+    """Find the level on the way from image to motion at which the likeliest causes act."""
+    chances = {"dynamics": 0.0}
+    for candidate in candidates:
+        if (effect := catalogue().get(candidate.name)) is not None:
+            chances[effect.level] = chances.get(effect.level, 0.0) + candidate.probability
+    return max(chances, key=lambda level: chances[level])
 
 
 def wrap_time_shifts(diagnosis: Diagnosis, real: Sequence[Trajectory]) -> Diagnosis:

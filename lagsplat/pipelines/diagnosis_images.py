@@ -24,7 +24,7 @@ from lagsplat.diagnose.imaging.rendering import (
     read_frames,
     render_latents,
 )
-from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.error_budget import compute_stage_shares, forecast_positions
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.diagnose.simulators.fitted_run import convert_to_latents
@@ -190,7 +190,7 @@ class _BlockRenderer:
         least = MIN_FORCE_SHARE * float(np.sqrt(np.mean(force**2)))
         covariance = estimate.covariance[at] + least**2 * np.eye(force.shape[1])
         # at the latents' mean, the law's coordinates move as the latents do
-        effect_of_force = body.jacobian / compute_rest_inertia(self.model)[None, :, None]
+        effect_of_force = body.jacobian / self.model.rest_inertia[None, :, None]
         reach = np.broadcast_to(effect_of_force, (len(at), *effect_of_force.shape))
         return localize_force(force, covariance, reach, estimate.v[at]), body
 

@@ -290,19 +290,6 @@ class LATENT_FORCE:
     min_log_likelihood_gain: float = 3.0  # gain that admits a force [nat]; by chance in 1 of 100 records
 
 
-class LOCALIZATION:
-    """Level at which the gap arises: perception, chart, actuation or dynamics. Commit 09186ef."""
-
-    min_actuation_share: float = 0.4  # share of all that is explained that inputs must explain [1]
-    min_actuation_residual_share: float = 0.1  # share of the residual that they must explain [1]
-    min_chart_share: float = 0.5  # share that distorted coordinates must explain [1]
-    min_chart_lead: float = 0.1  # lead of that share over any kind of force [1]
-    min_speed_noise_share: float = 0.3  # share of the noise that must grow with speed [1]
-    max_speed_noise_p: float = 0.01  # probability of that growth by chance [1]
-    max_event_time_share: float = 0.2  # share of the time that brief events fill, at most [1]
-    min_event_energy_share: float = 0.7  # share of the residual's energy that brief events hold, at least [1]
-
-
 class SPECTRUM:
     """Multitaper spectrum of the residual (Thomson 1982, doi:10.1109/PROC.1982.12433). Commit 09186ef."""
 

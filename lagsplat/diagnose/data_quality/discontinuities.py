@@ -13,7 +13,7 @@ from scipy.ndimage import find_objects, label
 
 from lagsplat.diagnose.core.config import DISCONTINUITIES, REPEATED_FRAMES
 from lagsplat.diagnose.core.result import Finding
-from lagsplat.diagnose.data_quality.noise import fit_locally
+from lagsplat.diagnose.data_quality.noise import fit_over_time
 from lagsplat.io.trajectory.trajectory import Trajectory
 
 
@@ -219,8 +219,8 @@ def _find_holds(
     if stop - start < 2 * least:
         return []
     clip = motion.pieces([(start, stop)])
-    half = max(2, min(DISCONTINUITIES.polynomial_samples, least // 4))
-    fit = fit_locally(clip, half_width=half)
+    half = min(DISCONTINUITIES.polynomial_samples, least // 4)
+    fit = fit_over_time(clip, width_s=2 * half * motion.dt_s)
     typical = clip.q.std(axis=0)
     still_rate = np.maximum(4.0 * sigma * fit.rate_gain[:, None], 0.02 * typical * 2.0 * np.pi / period_s)
     holds = []

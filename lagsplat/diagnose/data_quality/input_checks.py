@@ -9,7 +9,7 @@ from scipy.stats import f as f_law
 from lagsplat.diagnose.core.config import CLOSED_LOOP, TIME_ALIGNMENT
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.data_quality.natural_period import compute_test_functions
-from lagsplat.diagnose.data_quality.noise import fit_locally
+from lagsplat.diagnose.data_quality.noise import fit_over_time
 from lagsplat.diagnose.data_quality.periodic_inputs import estimate_common_period_s
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -83,8 +83,7 @@ def _compute_static_share(motion: Trajectory, channel: int, period_s: float) -> 
     peak = int(np.argmax(power))
     if power[max(0, peak - 2) : peak + 3].sum() > CLOSED_LOOP.single_line_share * power.sum():
         return np.nan
-    half = int(np.clip(0.08 * period_s / motion.dt_s, 2, 40))
-    fit = fit_locally(motion, half_width=half)
+    fit = fit_over_time(motion, width_s=min(0.16 * period_s, 80 * motion.dt_s))
     pull = (2.0 * np.pi / period_s) ** 2 * (fit.q - fit.q.mean(axis=0))
     if not (fit.a.std(axis=0) > CLOSED_LOOP.max_relative_acceleration * pull.std(axis=0)).any():
         return np.nan

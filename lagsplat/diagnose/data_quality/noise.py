@@ -23,38 +23,22 @@ class LocalFit:
     rate_gain: Float64[np.ndarray, " T"]  # standard deviation of a rate over that of white noise [1/s]
 
 
-def fit_locally(motion: Trajectory, *, half_width: int) -> LocalFit:
-    """Fit a cubic through the ``2 half_width + 1`` samples nearest to each, never across a clip's border.
+def fit_over_time(motion: Trajectory, *, width_s: float) -> LocalFit:
+    """Fit a cubic around each sample, over ``width_s`` [s] or nine samples, whichever is more.
 
-    Times may be uneven. Near its border a clip's window is one-sided; a clip of fewer samples than a window
-    is fitted as a whole, by a polynomial of degree three or, for fewer than four samples, lower.
-
-    Raises:
-        ValueError: a half width below 2.
+    It never reaches across a clip's border, and times may be uneven. Near its border a clip's window is
+    one-sided; a clip of fewer samples than a window is fitted as a whole, by a polynomial of degree three or,
+    for fewer than four samples, lower.
 
     Source: local polynomial regression, Fan and Gijbels 1996, chapter 3.
     """
-    if half_width < 2:
-        raise ValueError(f"half_width is {half_width}; a cubic with a sample to spare needs at least 2")
-    return _fit_clips(motion, [half_width] * len(motion.segments))
-
-
-def fit_over_time(motion: Trajectory, *, width_s: float) -> LocalFit:
-    """Fit cubics as `fit_locally` does, over ``width_s`` [s] or nine samples, whichever is more."""
-    half_widths = []
+    fitted, gain = np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)
     for start, stop in motion.segments:
         n = stop - start
         dt_s = (motion.time_s[stop - 1] - motion.time_s[start]) / max(n - 1, 1)
-        wanted = max(round(0.5 * width_s / max(dt_s, 1e-12)), 4)
-        half_widths.append(min(wanted, (n - 1) // 2) if n > 4 else wanted)
-    return _fit_clips(motion, half_widths)
-
-
-def _fit_clips(motion: Trajectory, half_widths: Sequence[int]) -> LocalFit:
-    """Fit each clip in windows of ``2 half_width + 1`` samples."""
-    fitted, gain = np.zeros((3, motion.n, motion.d)), np.zeros(motion.n)
-    for (start, stop), half_width in zip(motion.segments, half_widths, strict=True):
-        width = min(2 * half_width + 1, stop - start)
+        half_width = max(round(0.5 * width_s / max(dt_s, 1e-12)), 4)
+        half_width = min(half_width, (n - 1) // 2) if n > 4 else half_width
+        width = min(2 * half_width + 1, n)
         degree = min(3, width - 1)
         for first in range(start, stop, CHUNK_SAMPLES):
             at = np.arange(first, min(first + CHUNK_SAMPLES, stop))

@@ -194,14 +194,6 @@ def compare_noise(trajectories: Sequence[Trajectory]) -> Float64[np.ndarray, " m
     return np.sqrt(variance / np.average(variance, weights=[m.n for m in trajectories]))
 
 
-def weigh_samples(
-    dataset: Dataset, windows: WindowSet, deviation: Float64[np.ndarray, " d"]
-) -> Float64[np.ndarray, "W L d"]:
-    """One over the noise of each sample, whose ``deviation`` is that of all; 0 beyond a window's end."""
-    relative = np.broadcast_to(dataset.relative_noise, len(dataset.time))
-    return (windows.mask() / windows.take(relative))[..., None] / deviation
-
-
 def compute_clock_shifts(trajectories: Sequence[Trajectory]) -> tuple[float, ...]:
     """What each file's clock shows [s] at zero of a common clock, which starts with the first file.
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
+from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
 from lagsplat.normal_equations import EliminatedStates, NormalEquations, eliminate_states
 
 PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -39,6 +40,14 @@ class ShootingData:
     weight: Float64[np.ndarray, "W L d"]
     """One over the standard deviation of a sample, zero where there is none."""
     start_step: Float64[np.ndarray, " s"]  # steps of finite differences of the initial state, (2 d,)
+
+    @classmethod
+    def of(cls, dataset: Dataset, windows: WindowSet, deviation: Float64[np.ndarray, " d"]) -> "ShootingData":
+        """The samples of ``windows``; ``deviation`` is that of a sample of noise as usual."""
+        relative = windows.take(np.broadcast_to(dataset.relative_noise, len(dataset.time)))
+        sizes = np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)
+        weight = (windows.mask() / relative)[..., None] / deviation
+        return cls(windows.take(dataset.q), weight, 1e-4 * np.concatenate(sizes))
 
 
 Linearization = tuple[np.ndarray, np.ndarray, np.ndarray]

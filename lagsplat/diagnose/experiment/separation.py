@@ -111,8 +111,7 @@ def compute_separation(
         return Separation(0.0, 0, 0.0, (np.nan, np.nan))
     record, prior = model.dataset, make_joint_prior(rival.effects, model)
     windows = cut_windows(record, length_s=window_s, min_frames=PROBLEM.min_window_frames)
-    weight = np.repeat(windows.mask()[..., None], record.d, axis=2) / problem.sigma
-    data = shooting.ShootingData(windows.take(record.q), weight, problem.data.start_step)
+    data = shooting.ShootingData.of(record, windows, problem.sigma)
 
     def predict(x: np.ndarray, starts: np.ndarray) -> np.ndarray:
         return model.roll_out(rival.effects, x, starts, windows)[0]

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import IDENTIFICATION, DiagnoseConfig
-from lagsplat.diagnose.estimation.dataset import Dataset, PreparedDataset, WindowSet, weigh_samples
+from lagsplat.diagnose.estimation.dataset import Dataset, PreparedDataset, WindowSet
 from lagsplat.diagnose.estimation.multiple_shooting import (
     GaussianPrior,
     ShootingData,
@@ -311,11 +311,7 @@ def build_identification_problem(
 ) -> IdentificationProblem:
     """Windows of the recordings of a simulator of natural period ``period_s``, to be fitted."""
     dataset = ready.dataset
-    data = ShootingData(
-        windows.take(dataset.q),
-        weigh_samples(dataset, windows, ready.sigma),
-        1e-4 * np.concatenate([np.std(dataset.q, axis=0), np.std(dataset.v, axis=0)]),
-    )
+    data = ShootingData.of(dataset, windows, ready.sigma)
     steps = max(1, int(np.ceil(dataset.dt_s * config.steps_per_period / period_s)))
     return IdentificationProblem(dataset, windows, data, steps, config)
 

@@ -25,7 +25,6 @@ from lagsplat.diagnose.estimation.dataset import (
     cut_windows,
     measure_window_noise,
     prepare_dataset,
-    weigh_samples,
 )
 from lagsplat.diagnose.estimation.nuisance import NuisanceParameters
 from lagsplat.diagnose.estimation.rollout import RolloutModel
@@ -66,13 +65,9 @@ class EstimationProblem:
 
     @cached_property
     def data(self) -> shooting.ShootingData:
-        """The windows' samples, their weights, one over their `deviation`, and the initial states' steps."""
-        q, v = self.dataset.q, self.dataset.v
-        return shooting.ShootingData(
-            self.windows.take(q),
-            weigh_samples(self.dataset, self.windows, self.deviation) * ~self.repeats[..., None],
-            1e-4 * np.concatenate([np.std(q, axis=0), np.std(v, axis=0)]),
-        )
+        """The windows' samples, by their `deviation`; repeated ones do not count."""
+        data = shooting.ShootingData.of(self.dataset, self.windows, self.deviation)
+        return replace(data, weight=data.weight * ~self.repeats[..., None])
 
     @property
     def deviation(self) -> Float64[np.ndarray, " d"]:

@@ -90,6 +90,15 @@ class MechanicalModel:
         """The mass matrix at rest."""
         return self.mass_at(self.rest[None])[0]
 
+    @property
+    def rest_inertia(self) -> Float64[np.ndarray, " d"]:
+        """Reference inertia of each coordinate, by which forces are divided: the diagonal of `inertia`.
+
+        Only the diagonal, so that a force on one coordinate remains a number of that coordinate where inertia
+        couples it to others.
+        """
+        return np.diagonal(self.inertia)
+
     @cached_property
     def stiffness(self) -> Float64[np.ndarray, "d d"]:
         """Second derivative of the potential at rest, by central differences of its gradient."""
@@ -98,15 +107,6 @@ class MechanicalModel:
         forward, backward = np.split(-self.spring(ends), 2)
         slope = (forward - backward) / (2.0 * step[:, None])
         return 0.5 * (slope + slope.T)
-
-
-def compute_rest_inertia(mechanics: MechanicalModel) -> Float64[np.ndarray, " d"]:
-    """Reference inertia of each coordinate, by which forces are divided: the diagonal of ``M`` at rest.
-
-    Only the diagonal, so that a force on one coordinate remains a number of that coordinate where inertia
-    couples it to others.
-    """
-    return np.diagonal(mechanics.mass_at(np.asarray(mechanics.rest, dtype=float)[None])[0]).copy()
 
 
 def compute_rest_frequencies_hz(

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -33,8 +33,8 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
 
     Change points of the residual's level (the logarithm of its square, averaged over half a period) divide
     each clip. A span is kept where the residual differs from zero given its uncertainty, under a false
-    discovery rate of `CHANGE_POINTS.false_discovery_rate`. Neighbours of similar level are joined, and each
-    event is shrunk to where the residual acts.
+    discovery rate of `CHANGE_POINTS.false_discovery_rate`, and shrunk to where it acts. Neighbours of similar
+    strength are joined.
 
     Source: Killick, Fearnhead, Eckley (2012) for the change points; Benjamini and Hochberg (1995).
     """
@@ -51,9 +51,8 @@ def find_events(estimates: Sequence[LatentForceEstimate], *, period_s: float) ->
         return []
     chances = [_compute_chance(estimates[number], start, stop, period_s) for number, start, stop in spans]
     significant = false_discovery_control(chances) < CHANGE_POINTS.false_discovery_rate
-    kept = [span for span, is_kept in zip(spans, significant, strict=True) if is_kept]
     events = []
-    for number, start, stop in _join_spans(kept, squares):
+    for number, start, stop in compress(spans, significant):
         square, time_s = squares[number], estimates[number].motion.time_s
         limit = CHANGE_POINTS.edge_share**2 * square[start:stop].max()
         first, last = start + np.flatnonzero(square[start:stop] >= limit)[[0, -1]]
@@ -120,20 +119,6 @@ def _compute_chance(estimate: LatentForceEstimate, start: int, stop: int, period
     covariance = estimate.covariance[np.ix_(picked, active, active)]
     distance = np.einsum("ta,ta->", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
     return float(chi2.sf(distance, residual.size))
-
-
-def _join_spans(kept: list[tuple[int, int, int]], squares: list[np.ndarray]) -> list[tuple[int, int, int]]:
-    """Join adjacent spans of similar level."""
-    joined: list[tuple[int, int, int]] = []
-    last_level = 0.0
-    for number, start, stop in kept:
-        level = float(np.log(np.mean(squares[number][start:stop])))
-        touches = joined and joined[-1][0] == number and joined[-1][2] == start
-        if touches and abs(level - last_level) < CHANGE_POINTS.merge_log_ratio:
-            start = joined.pop()[1]
-        joined.append((number, start, stop))
-        last_level = level
-    return joined
 
 
 def _bridge_events(events: list[ResidualEvent], period_s: float) -> list[ResidualEvent]:

@@ -37,17 +37,6 @@ def compute_components(
     return {name: float(share / total) for name, share in shares.items()}
 
 
-def compute_explained_share(
-    features: ResidualFeatures, coordinate: int, columns: Float64[np.ndarray, "n k"]
-) -> float:
-    """Share of the residual's square that a ridge regression on ``columns`` predicts on left-out blocks.
-
-    It is measured against zero, not the mean, because a constant force is a finding; it is the best of
-    `RESIDUAL_REGRESSION.ridges`, and at least zero.
-    """
-    return _FoldedRegression(features, coordinate, columns).score(np.arange(columns.shape[1]))
-
-
 class _FoldedRegression:
     """Normal equations of one coordinate's regression, fold by fold."""
 
@@ -63,7 +52,11 @@ class _FoldedRegression:
         self.square = float(y @ y)
 
     def score(self, chosen: np.ndarray) -> float:
-        """Share of the residual's square that the ``chosen`` columns predict on left-out folds."""
+        """Share of the residual's square that the ``chosen`` columns predict on left-out folds.
+
+        It is measured against zero, not the mean, because a constant force is a finding; it is the best of
+        `RESIDUAL_REGRESSION.ridges`, and at least zero.
+        """
         if not len(chosen) or self.square <= 0.0:
             return 0.0
         gram = self.gram[:, chosen][:, :, chosen]

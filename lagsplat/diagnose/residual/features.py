@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.core.config import RESIDUAL_REGRESSION
-from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
-from lagsplat.diagnose.residual.change_points import compute_sample_weights
+from lagsplat.diagnose.mechanics.model import MechanicalModel
+from lagsplat.diagnose.residual.change_points import number_blocks
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate, join_signals
 from lagsplat.io.trajectory.trajectory import Trajectory
 
@@ -29,7 +29,6 @@ FEATURE_GROUPS = ("inertial", "conservative", "dissipative", "actuation", "exoge
 class ResidualFeatures:
     """Samples of the residual and the columns that may explain it."""
 
-    picked: Int64[np.ndarray, " n"]  # number of each sample in all motions together
     target: Float64[np.ndarray, "n d"]  # residual
     weight: Float64[np.ndarray, "n d"]  # one over the residual's variance
     fold: Int64[np.ndarray, " n"]  # cross-validation fold of each sample's block
@@ -51,12 +50,12 @@ def compute_features(
     elapsed = np.concatenate([estimate.motion.time_s - estimate.motion.time_s[0] for estimate in estimates])
     variance = std**2 + (0.05 * np.std(residual, axis=0)) ** 2
     rates = np.concatenate([compute_input_rates(estimate.motion) for estimate in estimates])
-    fold = _assign_folds(estimates, period_s)
+    fold = number_blocks(estimates, period_s) % RESIDUAL_REGRESSION.folds
     picked = np.arange(0, len(q), max(1, int(np.ceil(len(q) / RESIDUAL_REGRESSION.max_samples))))
     lagged = np.concatenate([_compute_lagged_columns(estimate, period_s) for estimate in estimates])
     position = (q - mechanics.rest) / np.std(q, axis=0)
     velocity = v / np.sqrt(np.mean(v**2, axis=0))
-    simulated = mechanics.force(q, v, u) / compute_rest_inertia(mechanics)
+    simulated = mechanics.force(q, v, u) / mechanics.rest_inertia
     inputs = _scale_columns(u)
     bends = (inputs**3, np.abs(inputs) * inputs, np.tanh(3 * inputs))
     n_lagged = mechanics.d * len(RESIDUAL_REGRESSION.lags_periods)  # the inputs' lags follow the positions'
@@ -78,7 +77,7 @@ def compute_features(
         }
         groups.append({name: np.concatenate(parts, axis=1)[picked] for name, parts in members.items()})
     weight = 1.0 / np.maximum(variance[picked], 1e-300)
-    return ResidualFeatures(picked, residual[picked], weight, fold[picked], tuple(groups))
+    return ResidualFeatures(residual[picked], weight, fold[picked], tuple(groups))
 
 
 def compute_input_rates(motion: Trajectory) -> Float64[np.ndarray, "T n_u"]:
@@ -133,10 +132,3 @@ def _compute_lagged_columns(estimate: LatentForceEstimate, period_s: float) -> n
         for i, (column, lag_s) in enumerate(product(columns[start:stop].T, lags_s)):
             lagged[start:stop, i] = np.interp(time_s - lag_s, time_s, column)
     return _scale_columns(lagged - lagged.mean(axis=0))
-
-
-def _assign_folds(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
-    """Fold of each sample: blocks of `RESIDUAL_REGRESSION.block_periods`, assigned to the folds in turn."""
-    elapsed = np.cumsum(np.concatenate([compute_sample_weights(estimate) for estimate in estimates]))
-    blocks = elapsed / (RESIDUAL_REGRESSION.block_periods * period_s)
-    return blocks.astype(np.int64) % RESIDUAL_REGRESSION.folds

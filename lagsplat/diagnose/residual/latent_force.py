@@ -6,7 +6,7 @@ estimate of the whole path, smoothed, and so on. The forces' and the noise's var
 marginal likelihood, and so is the force's length scale among `LATENT_FORCE.length_scales_periods`. No
 position is differenced.
 
-Forces are accelerations throughout: they are divided by the inertia at rest (`compute_rest_inertia`).
+Forces are accelerations throughout: they are divided by the inertia at rest (`MechanicalModel.rest_inertia`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +19,6 @@ from lagsplat.diagnose.core.config import LATENT_FORCE
 from lagsplat.diagnose.mechanics.model import (
     MechanicalModel,
     compute_rest_frequencies_hz,
-    compute_rest_inertia,
 )
 from lagsplat.diagnose.residual.linearization import (
     LinearSteps,
@@ -154,9 +153,7 @@ def estimate_latent_force(
         change = np.sqrt(np.mean((path.q - previous.q) ** 2, axis=0)) / record.scale
         if np.max(change) < LATENT_FORCE.path_tolerance:
             break
-    response = np.linalg.solve(
-        mechanics.mass_at(path.q), (compute_rest_inertia(mechanics) * path.force)[..., None]
-    )
+    response = np.linalg.solve(mechanics.mass_at(path.q), (mechanics.rest_inertia * path.force)[..., None])
     a = mechanics.acceleration(path.q, path.v, u) + response[..., 0]
     return _split_by_motion(motions, record, path, a, gained)
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from lagsplat.diagnose.core.config import LATENT_FORCE
-from lagsplat.diagnose.mechanics.model import MechanicalModel, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.stage2.runge_kutta import take_runge_kutta_step
 
 DIFFERENCE_STEP = 1e-5
@@ -57,7 +57,7 @@ def linearize_steps(
         LinAlgError: the fastest mode needs more than `MAX_SUBSTEPS` of these.
     """
     d, n = mechanics.d, len(path.h)
-    inertia = np.diag(compute_rest_inertia(mechanics))
+    inertia = np.diag(mechanics.rest_inertia)
     along = (path.q, path.middle, path.end)
     response = np.stack([np.linalg.solve(mechanics.mass_at(q), inertia) for q in along], axis=1)
     state = np.concatenate([path.q, path.v], axis=1)

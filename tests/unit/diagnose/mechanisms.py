@@ -11,8 +11,18 @@ from lagsplat.io.trajectory.trajectory import Trajectory
 Force = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
+class Mechanism:
+    @property
+    def rest(self):
+        return np.zeros(self.d)
+
+    @property
+    def rest_inertia(self):
+        return np.diagonal(self.mass_at(self.rest[None])[0])
+
+
 @dataclass(frozen=True)
-class Duffing:
+class Duffing(Mechanism):
     """m a = -k q - hard q^3 - damp v + gain u, one coordinate, at most one input."""
 
     m: float = 2.0
@@ -22,10 +32,6 @@ class Duffing:
     gain: float = 3.0
     n_u: int = 1
     d: int = 1
-
-    @property
-    def rest(self):
-        return np.zeros(1)
 
     def mass_at(self, q):
         return np.broadcast_to(np.full((1, 1), self.m), (*q.shape, 1))
@@ -39,17 +45,13 @@ class Duffing:
 
 
 @dataclass(frozen=True)
-class TwoLink:
+class TwoLink(Mechanism):
     """Two equal rods hung on each other, with relative joint angles and a little damping in each joint."""
 
     g: float = 9.81
     damp: float = 0.02
     n_u: int = 0
     d: int = 2
-
-    @property
-    def rest(self):
-        return np.zeros(2)
 
     def mass_at(self, q):
         c = np.cos(q[..., 1])
@@ -75,16 +77,12 @@ class TwoLink:
 
 
 @dataclass(frozen=True)
-class Chain:
+class Chain(Mechanism):
     """Four unit masses in a row between walls, joined by springs; ``n_u`` pulls on the first ones."""
 
     n_u: int = 0
     d: int = 4
     k: float = 90.0
-
-    @property
-    def rest(self):
-        return np.zeros(4)
 
     def mass_at(self, q):
         return np.broadcast_to(np.eye(4), (*q.shape, 4))

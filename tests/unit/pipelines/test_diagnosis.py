@@ -9,10 +9,11 @@ import pytest
 
 from lagsplat.cli.main import main
 from lagsplat.config.compose import ConfigError, compose
+from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.data_quality.checks import check_data
 from lagsplat.diagnose.simulators.python_model import load_python
 from lagsplat.io.trajectory.trajectory import read_trajectory_file
-from lagsplat.pipelines.diagnosis import diagnose_files, require_writable
+from lagsplat.pipelines.diagnosis import diagnose_files, find_likeliest_level, require_writable
 
 HEADER = "t,q0,u0"
 
@@ -182,3 +183,10 @@ def test_what_is_warned_of_is_told_and_numbers_that_overflow_are_not(
         with pytest.raises(ValueError, match="enough"):
             diagnose_files(str(sim), str(sim), sim.parent / "out", compose().diagnose, command="")
     assert [one for one in caught if one.category is RuntimeWarning] == []
+
+
+def test_the_level_is_that_of_the_likeliest_causes_together() -> None:
+    found = [("unknown", 0.5), ("coulomb_friction", 0.2), ("input_lag", 0.15), ("input_delay", 0.15)]
+    assert find_likeliest_level([Candidate(name, chance) for name, chance in found]) == "actuation"
+    assert find_likeliest_level([Candidate("frame_drops", 0.4), Candidate("none", 0.6)]) == "perception"
+    assert find_likeliest_level([Candidate("none", 1.0)]) == "dynamics"

@@ -13,7 +13,6 @@ from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_period_s
 from lagsplat.diagnose.data_quality.noise import (
     find_quantisation_step,
-    fit_locally,
     fit_over_time,
     measure_noise,
     measure_residual_noise,
@@ -176,12 +175,12 @@ def test_nothing_that_moves_is_refused() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 99), half=st.integers(2, 9), n=st.integers(4, 60))
-def test_cubics_are_reproduced_at_uneven_times(seed: int, half: int, n: int) -> None:
+@given(seed=st.integers(0, 99), width_s=st.floats(0.1, 20.0), n=st.integers(4, 60))
+def test_cubics_are_reproduced_at_uneven_times(seed: int, width_s: float, n: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.5, 1.5, n))
     cubic = np.polynomial.Polynomial(rng.normal(size=4), domain=[time[0], time[-1]], window=[-1, 1])
-    fit = fit_locally(Trajectory(time_s=time, q=cubic(time)[:, None], u=np.zeros((n, 0))), half_width=half)
+    fit = fit_over_time(Trajectory(time_s=time, q=cubic(time)[:, None], u=np.zeros((n, 0))), width_s=width_s)
     for order, found in enumerate((fit.q, fit.v, fit.a)):
         truth = (cubic.deriv(order) if order else cubic)(time)
         np.testing.assert_allclose(found[:, 0], truth, atol=1e-6 * np.abs(truth).max())
@@ -190,7 +189,7 @@ def test_cubics_are_reproduced_at_uneven_times(seed: int, half: int, n: int) -> 
 def test_rates_are_as_noisy_as_they_say() -> None:
     rng = np.random.default_rng(0)
     noise = Trajectory(time_s=np.arange(4000) / 60.0, q=rng.normal(size=(4000, 1)), u=np.zeros((4000, 0)))
-    fit = fit_locally(noise, half_width=5)
+    fit = fit_over_time(noise, width_s=10 / 60.0)
     inside = slice(10, -10)
     assert fit.v[inside].std() == pytest.approx(float(fit.rate_gain[inside].mean()), rel=0.1)
 
@@ -201,15 +200,13 @@ def test_nothing_crosses_a_cut_and_short_clips_are_fitted_as_a_whole() -> None:
         [400]
     )
     np.testing.assert_allclose(
-        fit_locally(jump, half_width=4).v[:400], fit_locally(motion.pieces([(0, 400)]), half_width=4).v
+        fit_over_time(jump, width_s=0.1).v[:400], fit_over_time(motion.pieces([(0, 400)]), width_s=0.1).v
     )
     shreds = motion.cut([1, 3, 6])
-    fit = fit_locally(shreds, half_width=4)
+    fit = fit_over_time(shreds, width_s=0.1)
     assert np.isfinite(np.hstack([fit.q, fit.v, fit.a])).all()
     np.testing.assert_allclose(fit.v[1], (motion.q[2] - motion.q[1]) * 60.0)
     assert fit.v[0] == 0.0
-    with pytest.raises(ValueError, match="half_width is 1"):
-        fit_locally(motion, half_width=1)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.7])

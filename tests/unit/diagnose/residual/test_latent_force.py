@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagsplat.diagnose.mechanics.model import compute_rest_frequencies_hz, compute_rest_inertia
+from lagsplat.diagnose.mechanics.model import compute_rest_frequencies_hz
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.linearization import StatePath, compute_kinematic_steps, linearize_steps
 from lagsplat.diagnose.residual.state_space import (
@@ -96,9 +96,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     rng = np.random.default_rng(3)
     q, v = rng.uniform(-1, 1, (2, 4, 2))
     r = rng.uniform(-2, 2, (4, 1, 2)) * np.ones((1, 3, 1))
-    push = np.linalg.solve(mechanism.mass_at(q), (compute_rest_inertia(mechanism) * r[:, 0])[..., None])[
-        ..., 0
-    ]
+    push = np.linalg.solve(mechanism.mass_at(q), (mechanism.rest_inertia * r[:, 0])[..., None])[..., 0]
     a = mechanism.acceleration(q, v, np.zeros((4, 0))) + push
     later = [q + h * v + 0.5 * h**2 * a for h in (0.005, 0.01)]
     path = StatePath(np.full(4, 0.01), q, v, *later, np.zeros((4, 3, 0)), r)
@@ -106,7 +104,7 @@ def test_a_linear_step_is_that_of_a_finer_integrator(beside, error):
     move = beside * rng.standard_normal((4, 4))
 
     def slope(t, x, force):
-        push = np.linalg.solve(mechanism.mass_at(x[:2]), compute_rest_inertia(mechanism) * force)
+        push = np.linalg.solve(mechanism.mass_at(x[:2]), mechanism.rest_inertia * force)
         return np.concatenate([x[2:], mechanism.acceleration(x[:2], x[2:], np.zeros(0)) + push])
 
     for i in range(4):
@@ -136,7 +134,7 @@ def test_acceleration_balances_force_and_residual():
     (found,) = estimate_latent_force(TwoLink(), [motion], period_s=1.6)
     inertial = np.einsum("nij,nj->ni", TwoLink().mass_at(found.q), found.a)
     lacking = inertial - TwoLink().force(found.q, found.v, motion.u)
-    np.testing.assert_allclose(lacking, found.residual * compute_rest_inertia(TwoLink()), atol=1e-9)
+    np.testing.assert_allclose(lacking, found.residual * TwoLink().rest_inertia, atol=1e-9)
 
 
 @pytest.mark.parametrize("mechanism", [Duffing(), Duffing(n_u=0)], ids=["forced", "free"])
@@ -157,7 +155,7 @@ def test_the_force_stays_in_its_coordinate():
     (found,) = estimate_latent_force(TwoLink(), [motion], period_s=1.6)
     rms = np.sqrt(np.mean(found.residual**2, axis=0))
     assert rms[0] < 0.1 * rms[1]
-    true = -0.05 * np.tanh(found.v[:, 1] / 0.02) / compute_rest_inertia(TwoLink())[1]
+    true = -0.05 * np.tanh(found.v[:, 1] / 0.02) / TwoLink().rest_inertia[1]
     assert np.corrcoef(found.residual[:, 1], true)[0, 1] > 0.95
 
 

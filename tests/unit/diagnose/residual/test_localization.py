@@ -37,26 +37,24 @@ def quiet(t, q, v, u):
 
 
 @pytest.mark.parametrize(
-    ("force", "component", "level"),
+    ("force", "component"),
     [
-        (friction, "dissipative", "dynamics"),
-        (lambda t, q, v, u: -0.3 * np.abs(v) * v, "dissipative", "dynamics"),
-        (lambda t, q, v, u: -40.0 * q**3, "conservative", "dynamics"),
-        (lambda t, q, v, u: np.array([3.0]), "conservative", "dynamics"),
-        (lambda t, q, v, u: -2000.0 * np.maximum(q - 0.3, 0.0), "conservative", "dynamics"),
-        (lambda t, q, v, u: -0.6 * u, "actuation", "actuation"),
-        (lambda t, q, v, u: 3.0 * (np.clip(u, -0.7, 0.7) - u), "actuation", "actuation"),
-        (lambda t, q, v, u: 3.0 * np.reshape(inputs(t - 0.08) - inputs(t), 1), "actuation", "actuation"),
-        (lambda t, q, v, u: np.array([1.5 * np.sin(2 * np.pi * 2.3 * t)]), "exogenous", "dynamics"),
-        (lambda t, q, v, u: np.array([6.0 * (5.0 < t < 5.5)]), "exogenous", "dynamics"),
+        (friction, "dissipative"),
+        (lambda t, q, v, u: -0.3 * np.abs(v) * v, "dissipative"),
+        (lambda t, q, v, u: -40.0 * q**3, "conservative"),
+        (lambda t, q, v, u: np.array([3.0]), "conservative"),
+        (lambda t, q, v, u: -2000.0 * np.maximum(q - 0.3, 0.0), "conservative"),
+        (lambda t, q, v, u: -0.6 * u, "actuation"),
+        (lambda t, q, v, u: 3.0 * (np.clip(u, -0.7, 0.7) - u), "actuation"),
+        (lambda t, q, v, u: 3.0 * np.reshape(inputs(t - 0.08) - inputs(t), 1), "actuation"),
+        (lambda t, q, v, u: np.array([1.5 * np.sin(2 * np.pi * 2.3 * t)]), "exogenous"),
     ],
-    ids=["friction", "drag", "hardening", "tilt", "stop", "gain", "saturation", "delay", "hum", "push"],
+    ids=["friction", "drag", "hardening", "tilt", "stop", "gain", "saturation", "delay", "hum"],
 )
-def test_component_and_level(force, component, level):
+def test_component(force, component):
     found = looked(force)
     kinds = {name: share for name, share in found.components.items() if name != "unexplained"}
     assert max(kinds, key=lambda name: kinds[name]) == component
-    assert found.level == level
     assert sum(found.components.values()) == pytest.approx(1.0)
     assert found.coordinates == {"q0": 1.0}
 
@@ -102,31 +100,8 @@ def test_a_perfect_sim_has_no_place(forced):
     for seed in range(24):
         noise = 0.02 * base.q.std() * np.random.default_rng(seed).standard_normal(base.q.shape)
         found = located(mechanism, [Trajectory(time_s=base.time_s, q=base.q + noise, u=base.u)])
-        told += bool(found.time_s or found.state_region or found.level != "dynamics" or found.frequency_hz)
+        told += bool(found.time_s or found.state_region or found.frequency_hz)
     assert told <= 3  # 1 in 100, given four chances to speak
-
-
-def seen(motion: Trajectory, times: np.ndarray) -> Trajectory:
-    q = np.interp(times, motion.time_s, motion.q[:, 0])
-    noise = 0.005 * q.std() * np.random.default_rng(0).standard_normal(motion.n)
-    return Trajectory(time_s=motion.time_s, q=(q + noise)[:, None], u=motion.u)
-
-
-def test_bad_time_stamps_are_perception():
-    motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
-    stamps = motion.time_s + 0.01 * np.random.default_rng(1).standard_normal(motion.n)
-    assert located(Duffing(), [seen(motion, stamps)]).level == "perception"
-
-
-def test_bent_positions_are_the_chart():
-    motion = film(Duffing(), 16.0, inputs=inputs, finer=2)
-    bent = Trajectory(time_s=motion.time_s, q=motion.q + 0.15 / motion.q.std() * motion.q**2, u=motion.u)
-    assert located(Duffing(), [seen(bent, bent.time_s)]).level == "chart"
-
-
-def test_suspect_pictures_are_perception_whatever_the_forces_say():
-    motion = film(Duffing(), 6.0, inputs=inputs, force=friction, noise=0.01, finer=2)
-    assert located(Duffing(), [motion], perception_suspect=True).level == "perception"
 
 
 def test_shift_of_the_clock_and_units_change_nothing():
@@ -136,7 +111,6 @@ def test_shift_of_the_clock_and_units_change_nothing():
     for name, share in one.components.items():
         assert two.components[name] == pytest.approx(share, abs=0.02)
     assert two.time_s[0][1] - one.time_s[0][1] == pytest.approx(1000.0, abs=1e-6)
-    assert two.level == one.level
     finer = Duffing(n_u=0, hard=20.0 / 100.0**2)  # the same thing in hundredths
     small = located(finer, [Trajectory(time_s=motion.time_s, q=100.0 * motion.q, u=motion.u)])
     for name, share in one.components.items():
