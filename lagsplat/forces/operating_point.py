@@ -14,7 +14,8 @@ from lagsplat.array_types import Latent, Latents
 from lagsplat.chart.chart import Chart
 from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.grasp import GraspPoint, Place, Point, grasp_brush
-from lagsplat.forces.loads import Load, PointLoad
+from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.moving_parts import MovingParts, find_moving_parts
 from lagsplat.matter.field import MaterialPoints, MatterField
 from lagsplat.splat.projection import View
@@ -108,6 +109,42 @@ class OperatingPoint:
                 f"of the visited radius: it goes {away[-1]:.0%} at most; choose another point or direction"
             )
         return float(np.exp(np.interp(np.log(share), np.log(away), sizes.log().numpy())))
+
+    def push(
+        self,
+        grasp: GraspPoint,
+        direction: Float64[np.ndarray, " n"],
+        *,
+        share: float,
+        hold_s: float,
+        duration_s: float,
+    ) -> tuple[Float[Tensor, "N d"], Float[Tensor, "N d"]]:
+        """Push what is grasped for ``hold_s`` [s], let go, and follow states and velocities [1/s].
+
+        They are a frame of the recording apart. The force is the least constant one along ``direction`` that
+        moves the state at rest by ``share`` of the visited radius.
+
+        Raises:
+            ValueError: as `find_force_size`.
+        """
+        unit = direction / np.linalg.norm(direction)
+        force = torch.from_numpy(self.find_force_size(grasp, unit, share=share) * unit)
+        dt_s, nothing, rest = self.chart.dt_s, make_no_load(self.law.d), self.rest[None]
+        n, held = round(duration_s / dt_s), round(hold_s / dt_s)
+        pushed = PointLoad(grasp.points, force[None])
+        loads: list[Load] = [pushed if i < held else nothing for i in range(n)]
+        inputs = self.u.expand(1, n + 1, -1)
+        q, v = rollout_under_force(self.law, rest, torch.zeros_like(rest), inputs, loads, dt_s=dt_s)
+        return q[0], v[0]
+
+    def find_lever(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The point of the image [px] that moves most with the state, and the unit vector of its motion."""
+        parts = self.find_moving_parts()
+        moves = np.where(parts.inner[:, :, None, None], parts.jacobian[:, :, :2], 0.0)
+        across, size, _ = np.linalg.svd(moves, full_matrices=False)
+        row, column = np.unravel_index(int(size[:, :, 0].argmax()), size.shape[:2])
+        right, down = across[row, column, :, 0].tolist()
+        return (float(column) + 0.5, float(row) + 0.5), (right, down)
 
     def _answer(self, grasp: GraspPoint, forces: Float[Tensor, "B n"]) -> Float[Tensor, " B"]:
         """Distances from rest under forces on a grasped point [whitened units]."""

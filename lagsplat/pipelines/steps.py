@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float64
 from omegaconf import OmegaConf
 
@@ -20,8 +19,6 @@ from lagsplat.chart.chart import fit_chart as fit_chart_with
 from lagsplat.config.compose import ConfigError, compose, rebuild
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import evaluate as evaluate_models
-from lagsplat.forces.loaded_lagrangian import rollout_under_force
-from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.io.files.atomic import load_json
 from lagsplat.io.lerobot.dataset import is_lerobot
@@ -293,15 +290,10 @@ def push(
     """
     point = hold(run)
     grasp = point.grasp(at, radius=brush * point.width)
-    unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-    force = torch.from_numpy(point.find_force_size(grasp, unit, share=share) * unit)
-    dt_s, nothing = point.chart.dt_s, make_no_load(point.law.d)
-    n, held = round(duration_s / dt_s), round(hold_s / dt_s)
-    pushed = PointLoad(grasp.points, force[None])
-    loads: list[Load] = [pushed if i < held else nothing for i in range(n)]
-    inputs, rest = point.u.expand(1, n + 1, -1), point.rest[None]
-    q, v = rollout_under_force(point.law, rest, torch.zeros_like(rest), inputs, loads, dt_s=dt_s)
-    return q[0].numpy(), v[0].numpy()
+    q, v = point.push(
+        grasp, np.asarray(direction, dtype=np.float64), share=share, hold_s=hold_s, duration_s=duration_s
+    )
+    return q.numpy(), v.numpy()
 
 
 def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -316,10 +308,4 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
         >>> len(at), len(along)
         (2, 2)
     """
-    point = hold(run)
-    parts = point.find_moving_parts()
-    moves = np.where(parts.inner[:, :, None, None], parts.jacobian[:, :, :2], 0.0)
-    across, size, _ = np.linalg.svd(moves, full_matrices=False)
-    row, column = np.unravel_index(int(size[:, :, 0].argmax()), size.shape[:2])
-    right, down = across[row, column, :, 0].tolist()
-    return (column + 0.5, row + 0.5), (right, down)
+    return hold(run).find_lever()

@@ -84,6 +84,42 @@ rule force:
         "../scripts/forces/force.py"
 
 
+rule push_animation:
+    input:
+        recording=lambda wildcards: rules.stage1.input.recording.format(
+            **pushed(wildcards.mechanism)
+        ),
+        run=rules.force.input.run,
+        records=rules.force.input.records,
+    output:
+        gif=report(
+            "results/figures/push_{mechanism}.gif",
+            caption="../report/push_animation.rst",
+            category="Forces",
+            labels={"system": "{mechanism}"},
+        ),
+    log:
+        "results/logs/push_{mechanism}.log",
+    benchmark:
+        "results/benchmarks/push_{mechanism}.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        title=lambda wildcards: "{recording} recording of {system} · profile {profile}".format(
+            **pushed(wildcards.mechanism)
+        ),
+        before=lambda wildcards: before_push(pushed(wildcards.mechanism)),
+        code=script_digest(SCRIPTS / "forces/push_animation.py"),
+    message:
+        "Draw {wildcards.mechanism} under a push as a moving picture"
+    script:
+        "../scripts/forces/push_animation.py"
+
+
 rule force_map:
     input:
         metrics=lambda wildcards: rules.forces.output.metrics.format(
