@@ -138,13 +138,18 @@ class OperatingPoint:
         return q[0], v[0]
 
     def find_lever(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """The point of the image [px] that moves most with the state, and the unit vector of its motion."""
+        """The point of the image [px] that moves most with the state, and the unit vector of its motion.
+
+        It points towards the middle of the image.
+        """
         parts = self.find_moving_parts()
         moves = np.where(parts.inner[:, :, None, None], parts.jacobian[:, :, :2], 0.0)
         across, size, _ = np.linalg.svd(moves, full_matrices=False)
         row, column = np.unravel_index(int(size[:, :, 0].argmax()), size.shape[:2])
-        right, down = across[row, column, :, 0].tolist()
-        return (float(column) + 0.5, float(row) + 0.5), (right, down)
+        at, along = np.array([column + 0.5, row + 0.5]), across[row, column, :, 0]
+        inwards = np.array([self.width, self.height]) / 2.0 - at
+        right, down = (np.copysign(1.0, inwards @ along) * along).tolist()
+        return (float(at[0]), float(at[1])), (right, down)
 
     def _answer(self, grasp: GraspPoint, forces: Float[Tensor, "B n"]) -> Float[Tensor, " B"]:
         """Distances from rest under forces on a grasped point [whitened units]."""

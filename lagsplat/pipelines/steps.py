@@ -300,7 +300,7 @@ def find_lever(run: FittedRun | PathLike) -> tuple[tuple[float, float], tuple[fl
     """A point of the image that moves most when the state changes, and the direction in which it moves.
 
     Returns:
-        The point [px], x to the right and y down, and a unit vector (right, down).
+        The point [px], x to the right and y down, and a unit vector (right, down), towards the middle.
 
     Example:
         >>> import lagsplat

@@ -27,9 +27,14 @@ VIEW = {"width": 800, "height": 640}
 
 
 @contextmanager
-def opened(chromium, path) -> Iterator:
-    """A page that has drawn its first picture, and that meets no error until it is closed."""
-    context = chromium.new_context(viewport=VIEW, offline=True)
+def opened(chromium, path, *, moving: bool = False) -> Iterator:
+    """A page that has drawn its first picture, and that meets no error until it is closed.
+
+    It is at rest, unless it may be ``moving`` as it begins.
+    """
+    context = chromium.new_context(
+        viewport=VIEW, offline=True, reduced_motion="no-preference" if moving else "reduce"
+    )
     errors: list[str] = []
     tab = context.new_page()
     tab.on("pageerror", lambda error: errors.append(str(error)))

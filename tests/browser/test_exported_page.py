@@ -1,6 +1,7 @@
 """The exported page in a real browser, from disk and with the network off."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -115,9 +116,46 @@ def test_every_control_does_what_it_says(page) -> None:
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") != before
 
 
+def test_it_begins_in_motion_as_recorded_and_shows_where_to_drag(chromium, path) -> None:
+    with opened(chromium, path, moving=True) as page:
+        assert page.locator("#follow").is_checked(), "the disc is driven"
+        first = page.evaluate("simulation.session.q[0]")
+        until(lambda: abs(page.evaluate("simulation.session.q[0]") - first) > 1e-3, "a motion")
+        shown = partial(page.locator("#ghost").evaluate, "node => Number(getComputedStyle(node).opacity)")
+        assert shown() == 1.0
+        drag(page, TOP, 40.0)
+        page.mouse.up()
+        until(lambda: shown() == 0.0, "no hint")
+
+
+def test_keys_push_pause_and_let_rest(page) -> None:
+    page.locator("#picture").focus()
+    page.keyboard.down("ArrowRight")
+    until(lambda: page.evaluate("Boolean(simulation.session.grip)"), "a hold")
+    moved = until(lambda: abs(q := page.evaluate("simulation.session.q[0]")) > 0.02 and q, "a motion")
+    page.keyboard.up("ArrowRight")
+    assert page.evaluate("simulation.session.grip") is None
+    page.keyboard.press("r")
+    page.keyboard.down("ArrowLeft")
+    until(lambda: page.evaluate("simulation.session.q[0]") * np.sign(moved) < -0.02, "the other way")
+    page.locator("#rest").focus()
+    assert page.evaluate("simulation.session.grip") is None, "who looks elsewhere lets go"
+    page.keyboard.up("ArrowLeft")
+    page.locator("#picture").focus()
+    page.keyboard.press("Space")
+    assert page.evaluate("simulation.session.paused") is True
+
+
+def test_numbers_are_told_in_words(page) -> None:
+    until(lambda: "q1" in page.locator("#chart-state").get_attribute("aria-label"), "the latest state")
+    assert page.locator("#speed").get_attribute("aria-valuetext") == "× 1.0"
+    assert page.locator("#chart-books").get_attribute("role") == "img"
+
+
 def test_beyond_the_recording_and_after_a_divergence_there_is_a_banner(page) -> None:
     drag(page, TOP, 350.0)
     until(lambda: "Beyond the recording" in page.locator("#banner").inner_text(), "the banner")
+    assert "beyond" in page.locator("#picture").get_attribute("class")
     page.mouse.up()
     page.evaluate("simulation.session.v = [1e12]")
     until(lambda: "diverged" in page.locator("#banner").inner_text(), "the stop")

@@ -40,9 +40,7 @@ def compute_push_view(point: OperatingPoint, film: UInt8[np.ndarray, "T h w 3"])
         ValueError: nothing moves in the image.
     """
     at, along = point.find_lever()
-    inwards = np.array([point.width, point.height]) / 2.0 - at  # so that the arrow stays in the image
-    direction = np.copysign(1.0, inwards @ along) * np.array(along)
-    grasp = point.grasp(at, radius=BRUSH_SHARE * point.width)
+    grasp, direction = point.grasp(at, radius=BRUSH_SHARE * point.width), np.array(along)
     n = min(len(film), round(DURATION_S / point.chart.dt_s) + 1)
     duration_s = (n - 1) * point.chart.dt_s
     states, _ = point.push(grasp, direction, share=PUSH_SHARE, hold_s=HOLD_S, duration_s=duration_s)

@@ -97,6 +97,7 @@ def pack_page(session: Session) -> dict[str, Any]:
     kept = slice(start, min(stop, start + FRAMES))
     columns = {"states": recorded.q[kept], "rates": recorded.v[kept], "rows": recorded.u[kept]}
     field = AccelerationField(operating_point)
+    at, along = operating_point.find_lever()
     fastest = field.largest(operating_point.rest.numpy(), np.abs(recorded.v).max(0))
     page = {
         "d": operating_point.law.d,
@@ -105,6 +106,8 @@ def pack_page(session: Session) -> dict[str, Any]:
         "reach": operating_point.visited_radius,
         "divergence": session.config.divergence,
         "brush": grasp_model.radius_px,
+        "lever": at,
+        "leverWay": along,
         "pull": {
             "follow": FOLLOW,
             "compliance": grasp_model.compliance,

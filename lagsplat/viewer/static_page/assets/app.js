@@ -8,6 +8,9 @@ const SHARPEST = 720; // pixels along the longer side
 const COARSEST = 160;
 const FINEST = 1; // radius of the brush: material points are a pixel apart
 const SMOOTH = 28; // pictures a second: below, they are drawn coarser
+const SPAN = 10; // seconds that a chart shows
+const LEAST = 0.02; // least span of a chart over the range of the recording
+const NARROW = 760; // pixels of a window in which panels begin folded, as in style.css
 
 function start() {
   const run = JSON.parse(byId("run").textContent);
@@ -17,20 +20,32 @@ function start() {
   const session = new PageSession(run, lawOf(run.law), view);
   const lines = run.outline.map((line) => line.map((at) => view.under(at)));
   const page = { run, picture, view, splats, session, lines, latency: [], frames: 0, steps: 0 };
+  const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+  if (!still) session.replay();
+  byId("follow").checked = session.following;
+  if (window.innerWidth <= NARROW) document.querySelectorAll("details").forEach((each) => (each.open = false));
   window.simulation = page; // for tests, and for who likes to look
   layOut(page);
   window.addEventListener("resize", () => layOut(page));
-  new Pointers(page, (stamp) => (page.asked = page.asked || stamp));
+  page.pointers = new Pointers(page, (stamp) => (page.asked = page.asked || stamp));
   listenToControls(page);
-  page.charts = {
-    state: new LineChart(byId("chart-state"), run.rest.map((_, i) => `q${i}`), 10),
-    energy: new LineChart(byId("chart-energy"), ["kinetic", "potential", "total"], 10),
-    books: new LineChart(byId("chart-books"), ["hand", "inputs", "dissipated", "unexplained"], 10),
-  };
+  page.charts = makeCharts(session);
   page.seen = performance.now();
   page.counted = page.seen;
   page.owed = 0;
   requestAnimationFrame((now) => tick(page, now));
+}
+
+function makeCharts(session) {
+  const { run } = session;
+  const ranges = session.ranges();
+  const [state, energy] = [ranges.state, ranges.energy].map((range) => ({ span: SPAN, least: LEAST * range }));
+  const driven = run.inputs.names.length > 0;
+  return {
+    state: new LineChart(byId("chart-state"), run.rest.map((_, i) => `q${i + 1}`), state),
+    energy: new LineChart(byId("chart-energy"), ["kinetic", "potential", "total"], energy),
+    books: new LineChart(byId("chart-books"), ["hand", ...(driven ? ["inputs"] : []), "dissipated", "unexplained"], energy),
+  };
 }
 
 /** Fit the picture into the window, and draw no finer than the screen shows. */
@@ -38,7 +53,7 @@ function layOut(page) {
   const { run, picture, splats } = page;
   const { width, height } = run.splats;
   const room = picture.parentElement.clientWidth;
-  const across = Math.min(room, (0.72 * window.innerHeight * width) / height);
+  const across = Math.min(room, (0.78 * window.innerHeight * width) / height);
   picture.style.width = `${across}px`;
   picture.style.height = `${(across * height) / width}px`;
   page.scale = across / width; // of the screen a pixel of the training resolution
@@ -64,11 +79,22 @@ function tick(page, now) {
     page.owed = Math.min(page.owed + (passed * session.speed) / session.dt, (LATEST * session.speed) / session.dt + 1);
     for (; page.owed >= 1; page.owed--) {
       session.step();
+      record(page);
       page.steps++;
     }
   }
   show(page, now);
   requestAnimationFrame((then) => tick(page, then));
+}
+
+/** Charts hold every step, however seldom the screen takes a picture. */
+function record({ session, charts }) {
+  const energy = session.energy();
+  const { hand, inputs, dissipated } = session.books;
+  const driven = charts.books.names.includes("inputs");
+  charts.state.add(session.time, session.q);
+  charts.energy.add(session.time, [energy.kinetic, energy.potential, energy.total]);
+  charts.books.add(session.time, [hand, ...(driven ? [inputs] : []), dissipated, session.unexplained()]);
 }
 
 function show(page, now) {
@@ -83,11 +109,7 @@ function show(page, now) {
   const banner = session.banner();
   byId("banner").textContent = banner;
   byId("banner").classList.toggle("said", banner !== "");
-  const energy = session.energy();
-  const { hand, inputs, dissipated } = session.books;
-  charts.state.add(session.time, session.q);
-  charts.energy.add(session.time, [energy.kinetic, energy.potential, energy.total]);
-  charts.books.add(session.time, [hand, inputs, dissipated, session.unexplained()]);
+  page.picture.classList.toggle("beyond", session.isBeyond());
   if (page.frames % 3 === 0) Object.values(charts).forEach((chart) => chart.draw());
   if (now > page.counted + 1000) showRates(page, now);
 }
@@ -99,6 +121,7 @@ function showRates(page, now) {
   byId("rates").textContent =
     `${page.session.time.toFixed(1)} s · ${rate(page.steps)} steps/s · ${rate(page.frames)} pictures/s${late}`;
   Object.assign(page, { counted: now, frames: 0, steps: 0, rates: [rate(page.steps), rate(page.frames)] });
+  Object.values(page.charts).forEach((chart) => chart.tell());
   const { splats } = page;
   if (page.rates[1] < SMOOTH) splats.resize(Math.max(COARSEST, Math.round(0.7 * splats.side)));
 }
@@ -108,9 +131,22 @@ function line(id, from, to) {
   [["x1", from[0]], ["y1", from[1]], ["x2", to[0]], ["y2", to[1]]].forEach(([key, x]) => node.setAttribute(key, x));
 }
 
-function showHand({ session, picture, view, scale }) {
+/** Where a first drag may begin, and where to, until there was one. */
+function showHint({ session, run, pointers, view, scale }) {
+  for (const id of ["hint", "ghost"]) byId(id).classList.toggle("gone", Boolean(session.everHeld));
+  if (session.everHeld) return;
+  const place = view.seen(view.matter.carry(session.run.rest, [pointers.lever])[0]);
+  const tip = plus(place, run.leverWay, 0.3 * run.splats.height);
+  line("ghost-way", ...[place, tip].map((at) => at.map((x) => x * scale)));
+  byId("ghost-hand").setAttribute("cx", place[0] * scale);
+  byId("ghost-hand").setAttribute("cy", place[1] * scale);
+  tip.forEach((x, i) => byId("ghost").style.setProperty(["--way-x", "--way-y"][i], `${(x - place[i]) * scale}px`));
+}
+
+function showHand(page) {
+  const { session, picture, view, scale } = page;
   const { grip } = session;
-  byId("hint").style.opacity = session.everHeld ? 0 : 1;
+  showHint(page);
   picture.classList.toggle("held", grip !== null);
   for (const id of ["arrow", "shade", "brush", "spread"]) byId(id).style.visibility = grip ? "visible" : "hidden";
   if (!grip) return;
@@ -162,6 +198,7 @@ function slider(id, act, read = Number, told = (x) => x.toFixed(2)) {
   const change = (acting) => {
     const value = read(input.value);
     output.textContent = told(value);
+    input.setAttribute("aria-valuetext", told(value));
     if (acting) act(value);
   };
   input.addEventListener("input", () => change(true));
@@ -179,16 +216,26 @@ function listenToControls(page) {
   slider("radius", (x) => (session.radius = Math.max(FINEST, x * run.splats.width)), Number, (x) => `${(100 * x).toFixed(1)} %`);
   for (const name of ["damping", "inertia", "stiffness"]) slider(name, (x) => session.edit(name, x), Number, times);
   byId("frame").max = run.recorded.states.length - 1;
+  byId("frame").value = session.frame ?? 0;
   slider("frame", (x) => session.toFrame(x), Number, (x) => x.toFixed(0));
   byId("pause").addEventListener("click", () => pause(session, !session.paused));
   byId("step").addEventListener("click", () => {
     pause(session, true);
     session.step();
+    record(page);
   });
   byId("rest").addEventListener("click", () => session.rest());
   byId("front")?.addEventListener("click", () => page.view.front());
   byId("show-outline").addEventListener("change", (event) => byId("outline").toggleAttribute("hidden", !event.target.checked));
   byId("help").addEventListener("click", () => byId("card").showModal());
+  byId("full").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()));
+  byId("full").hidden = !document.fullscreenEnabled;
+  page.picture.addEventListener("keydown", (event) => {
+    if (event.key === " ") pause(session, !session.paused);
+    else if (event.key === "r" || event.key === "R") session.rest();
+    else return;
+    event.preventDefault();
+  });
   byId("theme").addEventListener("click", () => {
     const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");
     document.documentElement.dataset.theme = dark ? "light" : "dark";

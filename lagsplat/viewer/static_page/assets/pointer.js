@@ -1,9 +1,18 @@
 "use strict";
-// What pointers do: on the object they push it; beside it, where there is space, they turn the view, two zoom.
+// What pointers do: on the object they push it; beside it, where there is space, they turn the view, two zoom. What
+// keys do: arrows push the object at the place that moves most.
 
 const TURN = 120; // degrees that a drag across the picture turns the view by
 const NOTCH = 0.0015; // of the logarithm of the zoom, a pixel that a wheel turns by
 const LINE = 16; // pixels
+const NUDGE = 0.2; // way of a push by an arrow key over the picture's width
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** Number of the place that is nearest to another. */
+function nearest(places, at) {
+  const away = places.map((place) => Math.hypot(...plus(place, at, -1)));
+  return away.indexOf(Math.min(...away));
+}
 
 class Pointers {
   constructor({ session, view, picture, run }, asked) {
@@ -15,6 +24,32 @@ class Pointers {
     on("pointermove", this.move);
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) on(kind, this.letGo);
     if (view.look) picture.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    this.keys = new Set();
+    this.lever = nearest(view.matter.carry(run.rest).map((place) => view.seen(place)), run.lever);
+    on("keydown", this.keyDown);
+    on("keyup", this.keyUp);
+    on("blur", () => this.dropKeys());
+  }
+  keyDown(event) {
+    const { session, view, keys } = this;
+    if (!(event.key in ARROWS) || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    if (this.held !== null || session.stopped) return;
+    keys.add(event.key);
+    if (!session.grip && !session.grasp(view.seen(view.matter.carry(session.q, [this.lever])[0]))) return;
+    const way = [...keys].map((key) => ARROWS[key]).reduce((sum, arrow) => plus(sum, arrow), [0, 0]);
+    const from = view.seen(session.grip.at);
+    const to = view.under(plus(from, way, NUDGE * this.size[0]), session.grip.at);
+    session.pull(plus(to, view.under(from, session.grip.at), -1));
+    session.everHeld = true;
+    this.asked(event.timeStamp);
+  }
+  keyUp(event) {
+    if (this.keys.delete(event.key) && !this.keys.size) this.session.release();
+  }
+  dropKeys() {
+    if (this.keys.size) this.session.release();
+    this.keys.clear();
   }
   /** Where a pointer is [px of the training resolution]. */
   at(event) {

@@ -33,6 +33,13 @@ class PageSession {
     this.begin(this.run.rest.slice(), new Array(this.d).fill(0), null);
     this.time = 0;
   }
+  /** Go on in a state of the recording: driven ones as recorded, others from where the recording is farthest from rest. */
+  replay() {
+    const { recorded, rest, inputs } = this.run;
+    this.following = inputs.names.length > 0;
+    const away = recorded.states.map((q) => Math.hypot(...q.map((x, i) => x - rest[i])));
+    this.toFrame(this.following ? 0 : away.indexOf(Math.max(...away)));
+  }
   toFrame(frame) {
     const { states, rates, rows } = this.run.recorded;
     this.u = rows[frame].slice();
@@ -41,6 +48,13 @@ class PageSession {
   energy() {
     const [kinetic, potential] = [this.law.kinetic(this.q, this.v), this.law.potential(this.q)];
     return { kinetic, potential, total: kinetic + potential };
+  }
+  /** Range of the energy in the recording, and of the state. */
+  ranges() {
+    const { states, rates } = this.run.recorded;
+    const spread = (values) => Math.max(...values) - Math.min(...values);
+    const total = states.map((q, n) => this.law.kinetic(q, rates[n]) + this.law.potential(q));
+    return { energy: spread(total), state: spread(states.flat()) };
   }
   /** Energy that the books cannot explain: the integrator's own error. */
   unexplained() {
@@ -96,10 +110,13 @@ class PageSession {
     }
     this.books.dissipated += 0.5 * this.dt * (this.law.dissipatedPower(q0, v0) + this.law.dissipatedPower(q, v));
   }
+  isBeyond() {
+    return !this.stopped && uncovered(this.q, this.run.coverage) > 1;
+  }
   /** What must be said of this state, or nothing. */
   banner() {
     if (this.stopped) return "The motion diverged and the integration stopped. Press Rest, or undo the edits.";
-    if (uncovered(this.q, this.run.coverage) > 1)
+    if (this.isBeyond())
       return "Beyond the recording: the camera never saw such a state, and what you see is a guess.";
     if (this.grip?.isUndetermined())
       return "Not determined by this recording: laws that fit it as well take this point elsewhere.";
