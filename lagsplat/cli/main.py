@@ -41,8 +41,14 @@ VERBS = {
     ),
     "inspect": Verb(
         summary="Describe a film, a log, a table, a dataset or a model, and how to read it.",
-        usage=("FILE|FOLDER [key=value ...]",),
-        keys=(CONFIGURATION,),
+        usage=("FILE|FOLDER [sheet=FILE.png] [key=value ...]",),
+        keys=(
+            (
+                "sheet=FILE.png",
+                "of a film: first image, motion and proposed crop; NAME_inspected.png here if left out",
+            ),
+            CONFIGURATION,
+        ),
         example="lagsplat inspect pendulum.mp4",
     ),
     "fit": Verb(

@@ -7,12 +7,17 @@ import warnings
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lagsplat.cli.main import CommandError, split_words
 from lagsplat.config.compose import compose
 from lagsplat.provenance import set_threads
+
+if TYPE_CHECKING:
+    from lagsplat.io.config import RecordingConfig
+    from lagsplat.io.recording.recording import Recording
 
 FITTED_RUN_KEYS = ("input", "seconds", "frame")
 MOST_SAMPLES = 10_000_000  # samples of a simulation without inputs, at most [count]
@@ -51,15 +56,21 @@ def inspect(given: Namespace) -> None:
     from lagsplat.io.read import read_recording
     from lagsplat.io.recording.recording import load_recording
     from lagsplat.io.recording.segments import split_train_held_out
+    from lagsplat.io.video.proposal import choose_frame_size
     from lagsplat.pipelines.steps import reading_overrides
-    from lagsplat.report.inspection.recording import describe_recording, describe_video, propose_system
+    from lagsplat.report.inspection.recording import describe_recording, describe_video
 
-    experiment = compose(*reading_overrides(path), *words[1:])
-    is_artefact = path.suffix == ".safetensors"
+    sheets = [word.removeprefix("sheet=") for word in words[1:] if word.startswith("sheet=")]
+    experiment = compose(
+        *reading_overrides(path), *(word for word in words[1:] if not word.startswith("sheet="))
+    )
+    settings, is_artefact = experiment.recording, path.suffix == ".safetensors"
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        recording = load_recording(path) if is_artefact else read_recording(experiment.recording)
-    divided = split_train_held_out(recording, experiment.recording.split)
+        if settings.kind == "video":
+            settings = choose_frame_size(path, settings)
+        recording = load_recording(path) if is_artefact else read_recording(settings)
+    divided = split_train_held_out(recording, settings.split)
     print(describe_recording(divided, config=experiment.evaluate))
     if recording.meta.get("footage"):
         description = describe_video(recording)
@@ -67,8 +78,31 @@ def inspect(given: Namespace) -> None:
         for text in (str(warning.message) for warning in caught):
             if text.partition(": ")[2] not in description:
                 print(f"warning    {text}")
-        if experiment.recording.kind == "video":
-            print(propose_system(recording, path=path, settings=experiment.recording))
+        if settings.kind == "video":
+            sheet = Path(sheets[-1] if sheets else f"{path.stem}_inspected.png").expanduser()
+            _propose_from_video(recording, settings, path=path, sheet=sheet)
+
+
+def _propose_from_video(
+    recording: "Recording", settings: "RecordingConfig", *, path: Path, sheet: Path
+) -> None:
+    """Print what a video asks for, and draw it on a sheet."""
+    from lagsplat.io.video.clips import find_clips
+    from lagsplat.io.video.decode import read_first_image
+    from lagsplat.io.video.proposal import measure_kept_motion, propose_crop
+    from lagsplat.report.common.style import save_figure
+    from lagsplat.report.figures.film_sheet import draw_film_sheet
+    from lagsplat.report.inspection.recording import propose_system
+
+    motion = measure_kept_motion(recording, settings)
+    crop = propose_crop(recording, settings, motion)
+    if not motion.any():
+        print("warning    nothing moves by more than a level of 255: there is nothing to learn from")
+    first = read_first_image(find_clips(path)[0], rotate=settings.rotate, dt_s=settings.dt_s)
+    drawn = crop or settings.crop
+    save_figure(sheet, draw_film_sheet(first, motion, drawn, title=f"{path.name}, before anything is fitted"))
+    print(f"sheet      {sheet.resolve()}")
+    print(propose_system(recording, path=path, settings=settings, crop=crop))
 
 
 def _survey_numbers(path: Path, overrides: Sequence[str]) -> str:

@@ -25,8 +25,7 @@ from lagsplat.io.recording.segments import split_train_held_out
 from lagsplat.io.robot_log.survey import survey_log
 from lagsplat.io.sources import VIDEO_KINDS, DataSource, find_sources
 from lagsplat.io.video.clips import find_clips
-from lagsplat.io.video.decode import read_frame_size
-from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
+from lagsplat.io.video.proposal import IMAGE_MODEL, choose_frame_size, propose_settings
 from lagsplat.pipelines.diagnosis_videos import HELD_OUT
 from lagsplat.pipelines.real_videos import read_real_video
 from lagsplat.pipelines.steps import reading_overrides
@@ -189,8 +188,7 @@ def _read_film(film: DataSource, experiment: Config) -> tuple[Config, Recording]
         recording = read_recording(settings)
     else:
         if film.kind == "video":
-            height, width = fit_frame(*read_frame_size(find_clips(film.path)[0], dt_s=settings.dt_s))
-            settings = replace(settings, height=height, width=width)
+            settings = choose_frame_size(film.path, settings)
         recording = read_recording(settings)
         proposed = asdict(propose_settings(recording, settings))
         chart = replace(experiment.chart, smoothing_frames=proposed.pop("smoothing_frames"))

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from lagsplat.io.video.clips import VideoClip
-from lagsplat.video_quality.frames import FrameSettings
+from lagsplat.video_quality.frames import FrameSettings, rotate_image
 
 BOX_HEADER, LONG_BOX_HEADER = 8, 16  # bytes
 
@@ -73,8 +73,8 @@ def decode_frames(clip: VideoClip, settings: FrameSettings) -> Pictures:
     return _images(clip, settings) if clip.images else _film(clip.path, settings)
 
 
-def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
-    """Rows and columns of a clip's first image, rotated as its tag says.
+def read_first_image(clip: VideoClip, *, dt_s: float | None, rotate: int = 0) -> UInt8[np.ndarray, "H W 3"]:
+    """The first image of a clip in RGB, rotated as its tag says and then clockwise by ``rotate`` [degree].
 
     Raises:
         ValueError: as `decode_frames`; or there is no image.
@@ -83,7 +83,13 @@ def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
         _, picture = next(pictures, (0.0, None))
     if picture is None:
         raise ValueError(f"{clip.path}: no frame to keep; 0 were read. Check the file")
-    return picture.shape[0], picture.shape[1]
+    return cv2.cvtColor(rotate_image(picture, rotate), cv2.COLOR_BGR2RGB)
+
+
+def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
+    """Rows and columns of a clip's first image, rotated as its tag says; errors as `read_first_image`."""
+    rows, columns = read_first_image(clip, dt_s=dt_s).shape[:2]
+    return rows, columns
 
 
 def _film(path: Path, settings: FrameSettings) -> Pictures:

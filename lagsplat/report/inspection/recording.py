@@ -1,6 +1,6 @@
 """What a recording or a video holds, in words, and the configuration that follows from a video."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from lagsplat.evaluate.free_motion import find_free_segments
 from lagsplat.evaluate.protocol import HeldOut
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.video.proposal import IMAGE_MODEL, propose_settings
+from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
 from lagsplat.report.inspection.words import make_name
 
 GAP_RATIO = 1.5  # a spacing above this many medians is a gap
@@ -37,8 +37,7 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
     lines = [
         f"source     {recording.meta.get('source')} ({recording.meta.get('origin')})",
         f"licence    {recording.meta.get('licence')}",
-        f"frames     {recording.n_frames}, {recording.width} x {recording.height} px, "
-        f"{len(recording.segments)} clip(s)",
+        f"frames     {recording.n_frames}, {_describe_size(recording)}, {len(recording.segments)} clip(s)",
         f"duration   {duration_s:.3f} s, {1.0 / recording.dt_s:.4f} frames/s, spacing {recording.dt_s:.6f} s",
         f"colours    {_describe_colours(recording)}",
         *(inputs or ["inputs     none"]),
@@ -47,6 +46,17 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
         f"split      {train.n_frames} frames to train on, {held_out.n_frames} held out",
     ]
     return "\n".join(lines)
+
+
+def _describe_size(recording: Recording) -> str:
+    own = f"{recording.width} x {recording.height} px"
+    clips = recording.meta.get("clips")
+    rows, columns = clips[0]["picture_px"] if clips else (recording.height, recording.width)
+    return (
+        own
+        if (rows, columns) == (recording.height, recording.width)
+        else f"{columns} x {rows} px, read as {own}"
+    )
 
 
 def _describe_colours(recording: Recording) -> str:
@@ -87,16 +97,24 @@ def describe_video(recording: Recording) -> str:
     return "\n".join(lines)
 
 
-def propose_system(recording: Recording, *, path: Path, settings: RecordingConfig) -> str:
-    """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user."""
+def propose_system(
+    recording: Recording, *, path: Path, settings: RecordingConfig, crop: Sequence[int] | None
+) -> str:
+    """Propose a ``conf/system/NAME.yaml`` for this recording; only ``d`` is left to its user.
+
+    ``crop`` (x, y, width, height) [pixel of the rotated video] is the proposed one.
+    """
     name = make_name(path.stem).lower() or "film"
     proposed, split = propose_settings(recording, settings), settings.split
+    height, width = (proposed.height, proposed.width) if crop is None else fit_frame(crop[3], crop[2])
     model = "\n".join(f"  {key}: {value}" for key, value in IMAGE_MODEL.items())
-    crop = "null" if settings.crop is None else str(list(settings.crop))
+    kept = settings.crop if crop is None else crop
     images = "" if settings.dt_s is None else f"\n  dt_s: {settings.dt_s:g}"
     return f"""
 # @package _global_
-# To be kept as conf/system/{name}.yaml, then: lagsplat fit system={name} out=FOLDER
+# To be kept as conf/system/{name}.yaml of a pipeline (lagsplat init FOLDER), then there:
+#   snakemake -c2 results/figures/rollout_{name}.pdf --config hydra="systems=[{name}]"
+#   lagsplat fit system={name} out=FOLDER
 defaults:
   - override /recording: filmed
   - override /simulation: null
@@ -110,15 +128,15 @@ system:
 simulation: null
 
 recording:
-  path: {str(path)!r}{images} # spacing of frames: {recording.dt_s:.6g} s
+  path: {str(path.resolve())!r}{images} # spacing of frames: {recording.dt_s:.6g} s
   rotate: {settings.rotate}
   stabilise: {str(proposed.stabilise).lower()}
   grey: {str(settings.grey).lower()}
-  crop: {crop} # x, y, width, height, tight around the motion
+  crop: {"null" if kept is None else list(kept)} # x, y, width, height, around the motion
   skip_s: {proposed.skip_s:g}
   end_s: {_format_optional(proposed.end_s)}
-  height: {proposed.height}
-  width: {proposed.width}
+  height: {height}
+  width: {width}
   split:
     train_fraction: {_format_optional(split.train_fraction)}
     held_out_frames: {_format_optional(split.held_out_frames)}

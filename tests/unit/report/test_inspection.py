@@ -9,6 +9,7 @@ from omegaconf import OmegaConf
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.io.recording.recording import Recording
+from lagsplat.io.video.proposal import fit_frame
 from lagsplat.report.inspection.mechanism import describe_mechanism
 from lagsplat.report.inspection.recording import describe_recording
 from lagsplat.report.inspection.table import describe_table
@@ -16,6 +17,12 @@ from tests.films import swing, write_film
 from tests.unit.io.mujoco.urdf_files import TWO, write_urdf
 
 DT_S = 0.02
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sheets of films are written to the current folder."""
+    monkeypatch.chdir(tmp_path)
 
 
 def recording(n: int = 400) -> Recording:
@@ -65,15 +72,30 @@ def test_a_film_is_told_and_its_proposal_composes(tmp_path: Path, capsys: pytest
         assert words in told
     tree = OmegaConf.create(proposal)
     assert tree.recording.skip_s == pytest.approx(1.0, abs=0.1)
-    assert (tree.recording.height, tree.recording.width) == (72, 96)  # 120 x 160
+    x, _, width, height = tree.recording.crop
+    assert x + width < 0.9 * 160, "the hand's corner is left out, with the time in which it is there"
+    assert width < 0.7 * 160
+    assert (tree.recording.height, tree.recording.width) == fit_frame(height, width)
+    sheet = next(line for line in told.splitlines() if line.startswith("sheet"))
+    assert Path(sheet.removeprefix("sheet").strip()).read_bytes().startswith(b"\x89PNG")
     assert 0.5 < tree.chart.smoothing_frames < 4.0
     split = tree.recording.pop("split")
     assert split.train_fraction == 0.8
     given = [f"recording.{key}={value!r}" for key, value in tree.recording.items() if value is not None]
-    settings = compose("system=pendulum_pair", "recording.crop=null", "recording.end_s=null", *given)
+    settings = compose("system=pendulum_pair", "recording.end_s=null", *given)
     assert settings.recording.path == str(path)
     assert settings.recording.grey is True
     assert settings.recording.stabilise is False
+
+
+def test_a_film_in_which_nothing_moves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames, _ = swing(amplitude=0.0)
+    path = write_film(tmp_path / "still.mkv", frames, codec="FFV1")
+    assert main(["inspect", str(path), "sheet=looked_at.png"]) == 0
+    told = capsys.readouterr().out
+    assert "warning    nothing moves" in told
+    assert "crop: null" in told
+    assert (tmp_path / "looked_at.png").exists()
 
 
 def test_a_folder_of_films_is_told_clip_by_clip(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
