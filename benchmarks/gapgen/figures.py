@@ -1,4 +1,4 @@
-"""Figures and tables of a score: confusion matrix, reliability, risk against coverage, CSV and LaTeX."""
+"""Figures and tables of a score: confusion matrix, reliability, risk against coverage, CSV."""
 
 import csv
 from collections.abc import Callable
@@ -87,32 +87,28 @@ def risk(items: list[Item], out: Path) -> None:
     _save(figure, out, "risk_coverage")
 
 
-def _cell(found: Any) -> tuple[str, str]:
-    """A number or a share with its interval, as plain text and as LaTeX."""
+def _cell(found: Any) -> str:
+    """A number or a share with its interval; empty where there is none."""
     if isinstance(found, dict) and "low" in found:
         if not found["n"]:
-            return "", "--"
-        text = f"{found['value']:.2f} [{found['low']:.2f}, {found['high']:.2f}] n={found['n']}"
-        return text, text.replace("n=", r"$n=$\,")
+            return ""
+        return f"{found['value']:.2f} [{found['low']:.2f}, {found['high']:.2f}] n={found['n']}"
     if isinstance(found, dict):
-        if not found["n"]:
-            return "", "--"
-        text = f"{found['median']:.3f} (p10 {found['p10']:.3f}) n={found['n']}"
-        return text, rf"{found['median']:.2f} $n=$\,{found['n']}"
-    return ("", "--") if found is None or found != found else (f"{found:.2f}", f"{found:.2f}")
+        return f"{found['median']:.3f} (p10 {found['p10']:.3f}) n={found['n']}" if found["n"] else ""
+    return "" if found is None or found != found else f"{found:.2f}"
 
 
-def _counted(value: float, n: int) -> tuple[str, str]:
+def _counted(value: float, n: int) -> str:
     """A number and how many recordings it is over."""
-    return (f"{value:.3f} n={n}", rf"{value:.2f} $n=$\,{n}") if n else ("", "--")
+    return f"{value:.3f} n={n}" if n else ""
 
 
 def lines_of(
     scores: dict[str, dict[str, Any] | None],
-) -> list[tuple[str, list[tuple[str, str]]]]:
-    """The rows of a table: a label, and for each method its cell as plain text and as LaTeX."""
+) -> list[tuple[str, list[str]]]:
+    """The rows of a table: a label, and for each method its cell."""
 
-    def row(label: str, *path: str) -> tuple[str, list[tuple[str, str]]]:
+    def row(label: str, *path: str) -> tuple[str, list[str]]:
         cells = []
         for one in scores.values():
             found: Any = one
@@ -135,7 +131,7 @@ def lines_of(
         row("closure over oracle, median", "closure_over_oracle"),
         *(row(f"where: {key}", "where", key) for key in ("level", "component", "coordinate")),
         row("parameter error, median", "parameters", "relative_error"),
-        row("90 \\% interval covers", "parameters", "coverage"),
+        row("90 % interval covers", "parameters", "coverage"),
     ]
 
 
@@ -157,21 +153,8 @@ def relative_wrong_names(scores: dict[str, dict[str, Any] | None]) -> list[float
 
 
 def table(scores: dict[str, dict[str, Any]], out: Path) -> None:
-    """``table.csv`` and ``table.tex``: metrics down, methods across."""
-    lines = lines_of(dict(scores))
+    """``table.csv``: metrics down, methods across."""
     with (out / "table.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["metric", *scores])
-        writer.writerows([label.replace("\\", ""), *(cell[0] for cell in cells)] for label, cells in lines)
-    body = [f"{label} & " + " & ".join(cell[1] for cell in cells) + r" \\" for label, cells in lines]
-    heads = " & ".join(name.replace("_", " ") for name in scores)
-    tex = [
-        r"\begin{tabular}{l" + "r" * len(scores) + "}",
-        r"\toprule",
-        f" & {heads} " + r"\\",
-        r"\midrule",
-        *body,
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    (out / "table.tex").write_text("\n".join(tex) + "\n", encoding="utf-8")
+        writer.writerows([label, *cells] for label, cells in lines_of(dict(scores)))

@@ -78,7 +78,7 @@ def test_the_diagnosis_beats_chance_and_dealt_out_answers(results: Path) -> None
 def test_the_table_has_every_method(results: Path) -> None:
     with (results / f"{TABLE}.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    assert {"tier", "metric", "diagnosis", "chance", "discrepancy_test"} == set(rows[0])
+    assert {"tier", "recordings", "metric", "diagnosis", "chance", "discrepancy_test"} == set(rows[0])
     tex = (results / f"{TABLE}.tex").read_text(encoding="utf-8")
     assert "T0, trajectories: 9 simulated recordings, split toy-T0, opened 1 time" in tex
 

@@ -28,6 +28,8 @@ RUN = "{system}/default-0/default-0"
 TARGETS = (
     "results/tables/krauss.tex",
     "results/tables/krauss.csv",
+    "results/tables/krauss.html",
+    "results/tables/krauss_appendix.tex",
     "results/tables/mass.tex",
     "results/tables/mass.csv",
     "results/tables/recipes.tex",

@@ -78,8 +78,9 @@ rule deformation:
         ],
     output:
         tex="results/tables/deformation.tex",
-        csv=report(
-            "results/tables/deformation.csv",
+        csv="results/tables/deformation.csv",
+        html=report(
+            "results/tables/deformation.html",
             caption="../report/deformation.rst",
             category="Tables",
             labels={"table": "two decoders"},

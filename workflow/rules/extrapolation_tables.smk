@@ -18,8 +18,10 @@ rule extrapolation:
         ],
     output:
         tex="results/tables/extrapolation.tex",
-        csv=report(
-            "results/tables/extrapolation.csv",
+        appendix="results/tables/extrapolation_appendix.tex",
+        csv="results/tables/extrapolation.csv",
+        html=report(
+            "results/tables/extrapolation.html",
             caption="../report/extrapolation.rst",
             category="Tables",
             labels={"table": "extrapolation"},

@@ -172,8 +172,9 @@ rule force_invariants:
         solid=expand(rules.force_space.output.metrics, solid=planned_spatial(overrides)),
     output:
         tex="results/tables/force_invariants.tex",
-        csv=report(
-            "results/tables/force_invariants.csv",
+        csv="results/tables/force_invariants.csv",
+        html=report(
+            "results/tables/force_invariants.html",
             caption="../report/force_invariants.rst",
             category="Tables",
             labels={"table": "invariants of forces"},
@@ -215,8 +216,10 @@ rule force_truth:
         ],
     output:
         tex="results/tables/force_truth.tex",
-        csv=report(
-            "results/tables/force_truth.csv",
+        appendix="results/tables/force_truth_appendix.tex",
+        csv="results/tables/force_truth.csv",
+        html=report(
+            "results/tables/force_truth.html",
             caption="../report/force_truth.rst",
             category="Tables",
             labels={"table": "forces against the truth"},

@@ -91,8 +91,9 @@ rule gap:
         ],
     output:
         tex="results/tables/gap.tex",
-        csv=report(
-            "results/tables/gap.csv",
+        csv="results/tables/gap.csv",
+        html=report(
+            "results/tables/gap.html",
             caption="../report/gap.rst",
             category="Tables",
             labels={"table": "sim-to-real gap"},

@@ -235,8 +235,10 @@ rule gap_blind:
         ],
     output:
         tex="results/tables/gap_blind.tex",
-        csv=report(
-            "results/tables/gap_blind.csv",
+        appendix="results/tables/gap_blind_appendix.tex",
+        csv="results/tables/gap_blind.csv",
+        html=report(
+            "results/tables/gap_blind.html",
             caption="../report/gap_blind.rst",
             category="Tables",
             labels={"table": "blind check of the diagnosis"},

@@ -12,8 +12,10 @@ rule table:
         ],
     output:
         tex="results/tables/krauss.tex",
-        csv=report(
-            "results/tables/krauss.csv",
+        appendix="results/tables/krauss_appendix.tex",
+        csv="results/tables/krauss.csv",
+        html=report(
+            "results/tables/krauss.html",
             caption="../report/table.rst",
             category="Tables",
             labels={"table": "benchmark"},
@@ -49,8 +51,10 @@ rule mass:
         records=gathered(mass_runs, "record"),
     output:
         tex="results/tables/mass.tex",
-        csv=report(
-            "results/tables/mass.csv",
+        appendix="results/tables/mass_appendix.tex",
+        csv="results/tables/mass.csv",
+        html=report(
+            "results/tables/mass.html",
             caption="../report/mass.rst",
             category="Tables",
             labels={"table": "forms of the mass"},
@@ -82,8 +86,9 @@ rule recipes:
         records=gathered(recipe_runs, "record"),
     output:
         tex="results/tables/recipes.tex",
-        csv=report(
-            "results/tables/recipes.csv",
+        csv="results/tables/recipes.csv",
+        html=report(
+            "results/tables/recipes.html",
             caption="../report/recipes.rst",
             category="Tables",
             labels={"table": "recipes"},
@@ -115,8 +120,9 @@ rule physical:
         records=gathered(main_runs, "record"),
     output:
         tex="results/tables/physical.tex",
-        csv=report(
-            "results/tables/physical.csv",
+        csv="results/tables/physical.csv",
+        html=report(
+            "results/tables/physical.html",
             caption="../report/physical.rst",
             category="Tables",
             labels={"table": "free rollouts"},
@@ -148,8 +154,10 @@ rule truth:
         records=gathered(true_runs, "record"),
     output:
         tex="results/tables/truth.tex",
-        csv=report(
-            "results/tables/truth.csv",
+        appendix="results/tables/truth_appendix.tex",
+        csv="results/tables/truth.csv",
+        html=report(
+            "results/tables/truth.html",
             caption="../report/truth.rst",
             category="Tables",
             labels={"table": "against the truth"},

@@ -170,7 +170,7 @@ def _describe(each: Suggestion, experiment: Experiment, names: tuple[str, ...], 
     first, second = each.expected
     return (
         f"Record {what}, for {each.duration_s:.3g} s{again}: one such recording is expected to separate "
-        f"{names[0]} from {names[1]} by {each.nats:.3g} nats (from {each.low:.2g} to {each.high:.2g} by the "
+        f"{names[0]} from {names[1]} by {each.nats:.3g} nats (from {each.low:.1f} to {each.high:.1f} by the "
         f"uncertainty of both fits). {each.coordinate} at {each.time_s:.3g} s tells most: {first:.4g} with "
         f"{names[0]}, {second:.4g} with {names[1]}, at a noise of {noise:.2g}"
     )
@@ -181,6 +181,6 @@ def _explain_none(names: tuple[str, ...], tried: Sequence[Suggestion]) -> str:
     most = max((each.nats for each in tried), default=0.0)
     return (
         f"No experiment within the recorded inputs and {EXPERIMENT.reach:g} times the visited range tells "
-        f"{names[0]} from {names[1]}: the best is expected to by {most:.2g} nats, and at least "
+        f"{names[0]} from {names[1]}: the best is expected to do so by {most:.2g} nats, and at least "
         f"{EXPERIMENT.bare:g} are asked for. There both move alike, so that either may stand for the other"
     )

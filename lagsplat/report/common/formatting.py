@@ -2,22 +2,19 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
-
-import pandas as pd
 
 MAX_PROBABILITY = 0.99  # no model of the data makes anything more certain
 MINUS = "\N{MINUS SIGN}"
-LATEX_ESCAPES = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {
-    letter: "\\" + letter for letter in "_%&#${}"
+RAISED = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
+LOWERED = str.maketrans(RAISED, "-0123456789")
+LATEX_ESCAPES = {
+    **{letter: "\\" + letter for letter in "_%&#${}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{MINUS: "$-$", "·": r"$\cdot$", "×": r"$\times$", "°": r"$^\circ$", "∞": r"$\infty$", "–": "--"},
+    **{"<": "$<$", ">": "$>$"},
 }
-# With booktabs loaded these three do nothing; without it the table still compiles.
-BOOKTABS_FALLBACK = (
-    r"\providecommand{\toprule}{\hline}"
-    r"\providecommand{\midrule}{\hline}"
-    r"\providecommand{\bottomrule}{\hline}"
-)
 
 
 def format_number(value: float, *, digits: int = 2) -> str:
@@ -38,14 +35,16 @@ def format_number(value: float, *, digits: int = 2) -> str:
     return text.replace("-", MINUS)
 
 
-def format_interval(value: float, low: float | None, high: float | None) -> tuple[str, str, str]:
+def format_interval(
+    value: float, low: float | None, high: float | None, *, most_digits: int = 6
+) -> tuple[str, str, str]:
     """Format a value and its bounds, all to the decimal place at which the interval has two digits.
 
-    Without an interval of finite width each has three digits, and a missing bound is a dash.
+    No number has more than ``most_digits``. Without an interval of finite width each has three digits, and a
+    missing bound is a dash.
     """
     if low is not None and high is not None and math.isfinite(low) and math.isfinite(high) and high > low:
-        # Six digits are enough even where the interval is narrower still.
-        last_place = 5 - math.floor(math.log10(max(abs(value), abs(low), abs(high))))
+        last_place = most_digits - 1 - math.floor(math.log10(max(abs(value), abs(low), abs(high))))
         places = min(1 - math.floor(math.log10(high - low)), last_place)
         if -4 <= places <= 6:
             return _round_to_place(value, places), _round_to_place(low, places), _round_to_place(high, places)
@@ -99,92 +98,13 @@ def _round_to_place(value: float, places: int) -> str:
 
 
 def _raise_power(power: int) -> str:
-    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def format_latex_table(
-    *, head: Sequence[str], body: Sequence[str], alignment: str, caption: str, label: str
-) -> str:
-    """Format a floating table over both columns of the page, for ``\\input`` in any article.
-
-    ``head`` and ``body`` are lines of LaTeX above and below the first rule, ``alignment`` one letter a
-    column, such as ``lcc``. The caption is plain text, and the label a name for ``\\ref``.
-    """
-    lines = [
-        BOOKTABS_FALLBACK,
-        r"\begin{table*}",
-        r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
-        rf"\caption{{{escape_latex(caption)}}}",
-        rf"\label{{{label}}}",
-        rf"\begin{{tabular}}{{@{{}}{alignment}@{{}}}}",
-        r"\toprule",
-        *head,
-        *body,
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table*}",
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def format_grouped_table(
-    frame: pd.DataFrame,
-    *,
-    by: str,
-    titles: Mapping[str, str],
-    row: Callable[[Mapping[Any, Any]], str],
-    head: Sequence[str],
-    alignment: str,
-    caption: str,
-    label: str,
-) -> str:
-    """Format a table whose rows stand in blocks: one for each value of the column ``by``, under its title.
-
-    ``row`` formats one row as a line of LaTeX. A block without a title bears its name. The other arguments
-    are those of `format_latex_table`.
-    """
-    body = []
-    for name, block in frame.groupby(by, sort=False):
-        body.append(format_block_title(titles.get(str(name), str(name)), columns=len(alignment)))
-        body += [row(record) for record in block.to_dict("records")]
-    return format_latex_table(head=head, body=body, alignment=alignment, caption=caption, label=label)
-
-
-def format_block_title(title: str, *, columns: int) -> str:
-    """Format the line that heads a block of rows."""
-    return rf"\midrule \multicolumn{{{columns}}}{{@{{}}l}}{{\emph{{{escape_latex(title)}}}}} \\"
-
-
-def format_cells(*texts: str) -> str:
-    """Format one row of a table."""
-    return " & ".join(texts) + r" \\"
-
-
-def format_latex_number(value: float | None, low: float | None = None, high: float | None = None) -> str:
-    """Format a value with three digits and, smaller, its spread; a dash where nothing was measured."""
-    if value is None or pd.isna(value):
-        return "--"
-    text = format_digits(value)
-    if low is None or high is None or pd.isna(low) or pd.isna(high):
-        return f"${text}$"
-    return rf"${text}\,{{\scriptstyle[{format_digits(low)},\,{format_digits(high)}]}}$"
-
-
-def rescale(value: float | None, scale: float) -> float | None:
-    """Convert ``value`` to another unit; None where nothing was measured."""
-    return None if value is None or pd.isna(value) else scale * value
-
-
-def format_digits(value: float) -> str:
-    """Format three significant digits without an exponent, so that columns can be compared by eye."""
-    text = f"{value:.3g}"
-    return f"{value:.0f}" if "e+" in text else f"{value:.6f}".rstrip("0").rstrip(".") if "e" in text else text
+    return str(power).translate(str.maketrans("-0123456789", RAISED))
 
 
 def escape_latex(text: str) -> str:
-    """Escape plain text, so that LaTeX prints it as it is."""
-    return "".join(LATEX_ESCAPES.get(letter, letter) for letter in text)
+    """Escape plain text, so that LaTeX prints it as it is, powers raised."""
+    plain = "".join(LATEX_ESCAPES.get(letter, letter) for letter in text)
+    return re.sub(f"[{RAISED}]+", lambda power: f"$^{{{power.group().translate(LOWERED)}}}$", plain)
 
 
 def join_distinct(values: Iterable[Any]) -> str:

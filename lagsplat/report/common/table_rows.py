@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import MEASURED, aggregate, paired_margin
-from lagsplat.report.common.formatting import format_latex_number, join_distinct, rescale
-from lagsplat.report.common.published_values import list_paper_rows
+from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.printed_table import Column, Row, make_text_column
+from lagsplat.report.common.published_values import RECORDING, list_paper_rows
 
 
 class RunGroup(NamedTuple):
@@ -133,27 +134,35 @@ def list_spread_columns(frame: pd.DataFrame, scores: Sequence[str]) -> list[str]
     return [name for name in bounds if name in frame and frame[name].notna().any()]
 
 
-def format_score(row: Mapping[Any, Any], name: str, *, scale: float = 1.0) -> str:
-    """Format the cell of a number with its spread, where it has one, in the unit of the table."""
-    keys = (name, f"{name}_low", f"{name}_high")
-    return format_latex_number(*(rescale(row.get(key), scale) for key in keys))
+def name_block(row: Row, titles: Mapping[str, str], *, key: str = "system") -> str:
+    """Name the system of a row and its recording, with the file that a user gave."""
+    title, source = titles.get(str(row[key]), str(row[key])), row.get("source")
+    file = f" {source}" if isinstance(source, str) and not str(row["recording"]).startswith("sim") else ""
+    return f"{title[:1].upper()}{title[1:]} ({row['recording']}{file})"
 
 
-def format_scores(row: Mapping[Any, Any], scales: Mapping[str, float]) -> list[str]:
-    """Format the cells of several scores; ``scales`` gives the factor of each to the unit of the table."""
-    return [format_score(row, name, scale=scale) for name, scale in scales.items()]
+def make_diverged_column() -> Column:
+    """Make the column of how many rollouts diverged, of how many where that is known."""
+
+    def write(row: Row) -> str | None:
+        diverged, rollouts = (row.get(name) for name in ("diverged", "rollouts"))
+        if diverged is None or pd.isna(diverged):
+            return None
+        return f"{int(diverged)}" + ("" if rollouts is None or pd.isna(rollouts) else f"/{int(rollouts)}")
+
+    note = "Diverged: rollouts, which stay in every mean, scored no better than the mean prediction."
+    return make_text_column("Diverged", write, note=note)
 
 
-def format_diverged(row: Mapping[Any, Any]) -> str:
-    """Format how many of the rollouts diverged; a dash for the paper's rows, which do not say."""
-    return "--" if pd.isna(row["diverged"]) else f"{row['diverged']}/{row['rollouts']}"
-
-
-def describe_runs(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Describe profiles, values and brackets for a caption."""
-    profiles = join_distinct(row["profile"] for row in rows)
-    brackets = "; ".join(sorted({f"{row['spread']} ({row['n_seeds']})" for row in rows}))
-    return f"profile {profiles}. Values and brackets: {brackets}."
+def describe_runs(frame: pd.DataFrame) -> str:
+    """Describe profiles, values and brackets of our own rows for a caption."""
+    ours = frame[frame["recording"] != RECORDING]
+    seeds = sorted({int(number) for number in ours["n_seeds"].dropna()})
+    windows = "95 % intervals over windows"
+    several = f"medians and ranges over {' or '.join(str(n) for n in seeds if n > 1)} seeds"
+    told = [several if seeds[-1] > 1 else f"one seed, {windows}"]
+    told += [f"of one seed {windows}"] if seeds[0] == 1 and len(seeds) > 1 else []
+    return f"Profile {join_distinct(ours['profile'])}; {'; '.join(told)}."
 
 
 def measure_margin(

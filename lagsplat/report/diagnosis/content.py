@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64, UInt8
 
-from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis
+from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis, Gap, Interval
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
 from lagsplat.diagnose.residual.components import ResidualCorrelations
@@ -24,7 +24,7 @@ from lagsplat.report.common.formatting import format_interval, format_number
 
 SEPARATE_CHECKS = ("findings", "excitation", "undetermined", "chain", "refit", "immaterial", "joints")
 """Checks that have a function of their own; `read_measures` gives the others."""
-MAX_RECOMMENDED = 3  # recordings that are recommended at once [count]
+MAX_RECOMMENDED = 3  # recordings and experiments that are recommended at once [count]
 ADVICE_FROM = 0.01  # probability of an effect from which a recording is recommended for it
 EMPTY_WHERE: dict[str, Any] = {
     "level": None,
@@ -127,6 +127,22 @@ def recommend_recordings(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     for name, record in sorted(open_effects, key=lambda row: -probabilities.get(row[0], 0.0)):
         distinct.setdefault(record, name)
     return [(name, record) for record, name in distinct.items()][:MAX_RECOMMENDED]
+
+
+def compute_remaining(gap: Gap | None, closure: Interval | None) -> Interval:
+    """Compute the error that forecasts keep [rms of each coordinate] from the share of the gap closed.
+
+    It is on the scale of the errors of ``gap``, and never negative; None where the share or its floor is not
+    known.
+    """
+    if gap is None or closure is None or not math.isfinite(gap.floor):
+        return Interval(None, None, None)
+    removable = gap.before - gap.floor
+    value, high, low = (
+        None if share is None else max(gap.before - share * removable, 0.0)
+        for share in (closure.value, closure.low, closure.high)
+    )
+    return Interval(value, low, high)
 
 
 def list_refit_moves(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:

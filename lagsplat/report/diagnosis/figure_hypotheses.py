@@ -13,7 +13,7 @@ from lagsplat.diagnose.effects.registry import VERDICTS, short_title
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood
 from lagsplat.report.common import formatting, style
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
-from lagsplat.report.diagnosis.content import ReportContent, read_location
+from lagsplat.report.diagnosis.content import ReportContent, compute_remaining, read_location
 from lagsplat.report.diagnosis.summary import name_candidate, select_chosen
 
 SEPARABLE_FROM = 3.0  # nats from which two effects are distinguishable
@@ -22,6 +22,8 @@ MAX_PROFILES = 6
 LOG_AXIS_RATIO = 20.0  # from the smallest to the largest value: then the axis is logarithmic
 MAX_DROP = 12.0  # nats shown
 MAX_BARS = 12
+LABEL: dict[str, Any] = {"ha": "center", "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.8}}
+"""Of a bar, which keeps a line behind it from crossing it."""
 TERM_TITLES = {
     "inertial": "inertial (mass)",
     "conservative": "conservative (springs, weight)",
@@ -73,19 +75,18 @@ def draw_waterfall(diagnosis: Diagnosis) -> Figure | None:
     figure = style.new_figure(0.75 * style.PAGE_IN, 2.0 + 0.12 * lines)
     axis = figure.subplots()
     axis.bar(0, gap.before, color=style.QUIET, width=0.6)
-    style.annotate(axis, format_percent(gap.before), (0, gap.before), (0, 2), ha="center")
+    style.annotate(axis, format_percent(gap.before), (0, gap.before), (0, 3), **LABEL)
     level = gap.before
     for column, (_, value, color) in enumerate(bars, start=1):
         axis.bar(column, value - level, bottom=level, color=color, width=0.6)
         axis.plot([column - 0.7, column + 0.3], [level, level], color=style.INK, linewidth=0.5)
-        shift = f"{'' if value > level else '−'}{format_percent(abs(value - level))}"
-        style.annotate(axis, shift, (column, max(level, value)), (0, 2), ha="center")
+        style.annotate(axis, f"to {format_percent(value)}", (column, max(level, value)), (0, 3), **LABEL)
         level = value
     last = len(bars) + 1
     axis.bar(last, gap.after, color=style.PREDICTED, width=0.6)
     axis.plot([last - 0.7, last + 0.3], [level, level], color=style.INK, linewidth=0.5)
     top = _draw_remaining_interval(axis, last, gap)
-    style.annotate(axis, format_percent(gap.after), (last, top), (0, 2), ha="center")
+    style.annotate(axis, format_percent(gap.after), (last, top), (0, 3), **LABEL)
     labels = ["sim as\ndelivered", *(label for label, _, _ in bars), "what\nremains"]
     axis.set_xticks(range(last + 1), labels)
     if math.isfinite(gap.floor):
@@ -100,12 +101,11 @@ def draw_waterfall(diagnosis: Diagnosis) -> Figure | None:
 
 def _draw_remaining_interval(axis: Any, column: int, gap: Gap) -> float:
     """Draw the interval of what remains, from that of the closure, and return its upper end."""
-    closure = gap.closure
-    if closure.low is None or closure.high is None or not math.isfinite(gap.floor):
+    left = compute_remaining(gap, gap.closure)
+    if left.low is None or left.high is None:
         return gap.after
-    low, high = (gap.before - share * (gap.before - gap.floor) for share in (closure.high, closure.low))
-    axis.plot([column, column], [max(low, 0.0), high], color=style.INK, linewidth=1.0)
-    return max(high, gap.after)
+    axis.plot([column, column], [left.low, left.high], color=style.INK, linewidth=1.0)
+    return max(left.high, gap.after)
 
 
 def _wrap_label(text: str) -> str:
@@ -261,6 +261,8 @@ def draw_posterior(diagnosis: Diagnosis) -> Figure:
         known = math.isfinite(candidate.log_evidence) and candidate.name != "none"
         sign = "+" if candidate.log_evidence > 0 else ""
         text = f"{sign}{format_number(candidate.log_evidence)}" if known else "–"
+        if candidate.misfit is None and candidate.name not in VERDICTS:
+            text = "not fitted"
         style.annotate(axis, text, (1.12, row), xycoords=style.ALONG_Y, va="center", ha="right")
     if left:
         axis.barh(len(shown), rest, color=style.ENCODED, alpha=0.4, height=0.7)

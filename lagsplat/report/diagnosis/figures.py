@@ -25,10 +25,9 @@ CAPTIONS = {
     "waterfall": (
         "How far the gap closes",
         "Root mean square error of held-out forecasts over one natural period, or as long as the sim can "
-        "be followed, over each coordinate's own size. From the sim as delivered, over the sim with its "
-        "own numbers moved within their uncertainty, to the sim with the chosen effects (whisker: 95 % "
-        "interval). The dashed floor is what the true model would leave, given the noise "
-        "and, of a learned law, its own error.",
+        "be followed, over each coordinate's own size: of the sim as delivered, with its own numbers moved "
+        "within their uncertainty, and with the chosen effects (whisker: 95 % interval). The dashed floor "
+        "is what the true model would leave, given the noise and, of a learned law, its own error.",
     ),
     "posterior": (
         "Which effect",

@@ -17,8 +17,10 @@ from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect, short_
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.common.style import encode_svg_uri
 from lagsplat.report.diagnosis.content import (
+    MAX_RECOMMENDED,
     NEXT_INPUTS,
     ReportContent,
+    compute_remaining,
     list_excited,
     list_findings,
     list_joints,
@@ -29,17 +31,23 @@ from lagsplat.report.diagnosis.content import (
 )
 from lagsplat.report.diagnosis.figure_state import encode_video_uri
 from lagsplat.report.diagnosis.figures import draw_diagnosis_figures
+from lagsplat.report.diagnosis.lines import list_answers, qualify_verdict
 from lagsplat.report.diagnosis.summary import (
+    MAX_NAMED,
     format_estimates,
+    is_named,
+    join_texts,
+    list_indistinguishable,
     name_candidate,
     name_joint_cause,
+    select_chosen,
     write_headline,
     write_summary,
 )
 
 DESCRIBED_FROM = 0.02  # probability from which the page describes a candidate
+MAX_GLOSSES = 2  # terms that the head of the page explains
 MAX_TILE_NUMBERS = 6  # numbers that fit into one tile
-GRADE_TITLES = {"yes": "Shown well", "weak": "Shown weakly", "no": "Cannot be shown"}
 MEASURE_LABELS = {
     "natural_period_s": "natural period (s)",
     "period_s": "natural period (s)",
@@ -60,8 +68,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
     Raises:
         ValueError: a name that no diagnosis gives, or a video that cannot be encoded.
     """
-    drawn = draw_diagnosis_figures(diagnosis, content)
-    visible = [(grade, title, list_excited(diagnosis, grade)) for grade, title in GRADE_TITLES.items()]
+    drawn, planned = draw_diagnosis_figures(diagnosis, content), diagnosis.next_experiments
     loader = PackageLoader("lagsplat.report.diagnosis")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     environment.filters |= {
@@ -73,7 +80,7 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         "joint_cause": name_joint_cause,
         "probability": format_probability,
         "estimates": format_estimates,
-        "closure": _format_closure,
+        "left": lambda closure: _format_remaining(compute_remaining(diagnosis.gap, closure)),
         "evidence": _format_evidence,
         "percent": format_percent,
         "number": lambda value: "–" if value is None else format_number(value, digits=3),
@@ -82,6 +89,9 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         diagnosis=diagnosis,
         content=content,
         headline=write_headline(diagnosis),
+        certainty=qualify_verdict(diagnosis),
+        glosses=_list_glosses(diagnosis),
+        facts=_list_facts(diagnosis),
         paragraph=write_summary(diagnosis),
         files=list(dict.fromkeys(os.path.basename(block.file) for block in diagnosis.blocks)),
         tiles=_list_tiles(diagnosis),
@@ -89,16 +99,12 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
         moves=list_refit_moves(diagnosis),
         joints=list_joints(diagnosis),
         findings=list_findings(diagnosis),
-        visible=[row for row in visible if row[2]],
         excitations=diagnosis.checks.get("excitation", ()),
-        advice=[
-            f"{_capitalize(short_title(name))}: {text}" for name, text in recommend_recordings(diagnosis)
-        ],
-        planned=diagnosis.next_experiments,
-        next_inputs=NEXT_INPUTS,
+        between=planned.between if planned is not None and planned.suggestions else (),
+        recordings=_list_recordings(diagnosis),
         agreements=diagnosis.files,
         warnings=_select_warnings(diagnosis),
-        figures=[drawing for drawing in drawn if drawing.figure is not None],
+        figures={drawing.key: drawing for drawing in drawn if drawing.figure is not None},
         video=None if content.video is None else encode_video_uri(content.video),
         # without images nothing is missing of where in them the gap lies
         missing=_list_missing(
@@ -183,12 +189,82 @@ def _format_evidence(candidate: Candidate) -> str:
     return format_number(candidate.log_evidence, digits=3) if known else "–"
 
 
-def _format_closure(closure: Interval | None) -> str:
-    if closure is None or closure.value is None:
+def _format_remaining(left: Interval) -> str:
+    if left.value is None:
         return "–"
-    if closure.low is None or closure.high is None:
-        return format_percent(closure.value)
-    return f"{format_percent(closure.value)} [{format_percent(closure.low)}, {format_percent(closure.high)}]"
+    text = format_percent(left.value)
+    if left.low is None or left.high is None:
+        return text
+    return f"{text} [{format_percent(left.low)}, {format_percent(left.high)}]"
+
+
+def _list_glosses(diagnosis: Diagnosis) -> list[str]:
+    """Say once what each term of the headline means."""
+    if diagnosis.verdict == "undetermined":
+        return []
+    if diagnosis.verdict != "effect":
+        return [describe_effect(diagnosis.verdict).symptom]
+    names = [effect.name for effect in select_chosen(diagnosis)]
+    names = names if len(names) > 1 else list_indistinguishable(diagnosis)[:MAX_GLOSSES]
+    terms = [f"{_capitalize(short_title(name))}: " if len(names) > 1 else "" for name in names]
+    return [f"{term}{describe_effect(name).what}" for term, name in zip(terms, names, strict=True)]
+
+
+def _list_facts(diagnosis: Diagnosis) -> list[tuple[str, list[str]]]:
+    """Question and answers, in the order in which readers ask."""
+    answers = list_answers(diagnosis)
+    rows = {
+        "Size": _list_sizes(diagnosis),
+        "Gap": [answers["gap"]],
+        "Where": [answers["where"]] if diagnosis.verdict != "none" and diagnosis.gap else [],
+        "Shrinks": [answers["shrinks"]] if diagnosis.verdict != "none" and diagnosis.gap else [],
+        "So far": _list_nearest(diagnosis),
+        "Cannot be shown": [],
+        "Do now": [answers["next"]],
+    }
+    if diagnosis.verdict == "none" and (hidden := list_excited(diagnosis, "no")):
+        rows["Cannot be shown"] = [
+            _capitalize(join_texts([short_title(name) for name in hidden[:MAX_NAMED]], "or"))
+        ]
+    return [(question, texts) for question, texts in rows.items() if texts]
+
+
+def _list_sizes(diagnosis: Diagnosis) -> list[str]:
+    """The parameters of each effect found, with its name where that is not the headline."""
+    if diagnosis.verdict != "effect":
+        return []
+    chosen = [effect for effect in select_chosen(diagnosis) if effect.parameters]
+    alone = len(chosen) == len(list_indistinguishable(diagnosis)) == 1
+    sizes = ["; ".join(format_estimates(effect)) for effect in chosen]
+    names = [_capitalize(name_candidate(effect)) for effect in chosen]
+    return sizes if alone else [f"{name}: {size}" for name, size in zip(names, sizes, strict=True)]
+
+
+def _list_nearest(diagnosis: Diagnosis) -> list[str]:
+    """What the most probable effects would leave, where none of them is established."""
+    if diagnosis.verdict == "none" or is_named(diagnosis):
+        return []
+    nearest = [c for c in diagnosis.candidates if c.name not in VERDICTS and c.probability >= DESCRIBED_FROM]
+    texts = []
+    for candidate in nearest[:MAX_RECOMMENDED]:
+        left = compute_remaining(diagnosis.gap, candidate.closure).value
+        leaves = "" if left is None else f", would leave {format_percent(left)}"
+        texts.append(f"{name_candidate(candidate)} ({format_probability(candidate.probability)}{leaves})")
+    return [f"Nearest, and not established: {join_texts(texts, 'and')}"] if texts else []
+
+
+def _list_recordings(diagnosis: Diagnosis) -> list[str]:
+    """What to record next: planned experiments, and then what shows other effects."""
+    planned = diagnosis.next_experiments
+    texts = []
+    for number, each in enumerate(planned.suggestions if planned else (), start=1):
+        played = f" Play {NEXT_INPUTS.format(number)}." if len(each.input) > 1 else ""
+        texts.append(_end_sentence(each.text) + played)
+    texts += [
+        f"{_capitalize(short_title(name))}: {_end_sentence(text)}"
+        for name, text in recommend_recordings(diagnosis)
+    ]
+    return texts[:MAX_RECOMMENDED]
 
 
 def _describe_likely(diagnosis: Diagnosis) -> list[tuple[str, Any]]:

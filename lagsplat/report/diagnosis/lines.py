@@ -5,18 +5,19 @@ import os
 from pathlib import Path
 
 from lagsplat.diagnose.core.result import Diagnosis
-from lagsplat.diagnose.effects.registry import describe_effect, short_title
+from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect
 from lagsplat.report.common.formatting import format_number, format_percent, format_probability
 from lagsplat.report.diagnosis.content import (
     find_main_coordinate,
+    list_findings,
     list_joints,
     read_location,
     recommend_recordings,
 )
 from lagsplat.report.diagnosis.summary import (
     ACTS_LIKE,
-    LIKELY_FROM,
     explain_undecided,
+    is_named,
     list_indistinguishable,
     name_candidate,
     name_floor,
@@ -40,15 +41,36 @@ def write_lines(diagnosis: Diagnosis, *, report: str | os.PathLike[str]) -> list
 
     Joints that were diagnosed one by one follow, a line each.
     """
-    lines = {
-        "verdict": _write_verdict(diagnosis),
+    certainty = qualify_verdict(diagnosis)
+    certainty = f": {certainty}" if diagnosis.verdict == "undetermined" else f" ({certainty})"
+    verdict = f"{write_headline(diagnosis)}{certainty}"
+    answers = {"verdict": verdict, **list_answers(diagnosis)}
+    texts = [_shorten(f"{name + ':':<9}{text}") for name, text in answers.items()]
+    return [*texts[:-1], f"{texts[-1]} (more: {Path(report)})", *_list_joints(diagnosis)]
+
+
+def list_answers(diagnosis: Diagnosis) -> dict[str, str]:
+    """List what a reader asks after the verdict: the gap, where it lies, how far it shrinks, what to do next.
+
+    Sentences without a full stop, by their question; every error is a share of the size of the motion.
+    """
+    return {
         "gap": _write_size(diagnosis),
         "where": _write_place(diagnosis),
         "shrinks": _write_closure(diagnosis),
         "next": _write_next(diagnosis),
     }
-    texts = [_shorten(f"{name + ':':<9}{text}") for name, text in lines.items()]
-    return [*texts[:-1], f"{texts[-1]} (more: {Path(report)})", *_list_joints(diagnosis)]
+
+
+def qualify_verdict(diagnosis: Diagnosis) -> str:
+    """Write how certain the verdict is, or why there is none."""
+    verdict = diagnosis.verdict
+    if verdict == "undetermined":
+        return explain_undecided(diagnosis).rstrip(".")
+    names = list_indistinguishable(diagnosis) if verdict == "effect" else [verdict]
+    probability = sum(sum_probability(diagnosis, name) for name in names)
+    within = ", within the sim's tolerances" if diagnosis.checks.get("within_tolerance") else ""
+    return f"probability {format_probability(probability)}{within}"
 
 
 def _list_joints(diagnosis: Diagnosis) -> list[str]:
@@ -61,22 +83,14 @@ def _list_joints(diagnosis: Diagnosis) -> list[str]:
     return texts
 
 
-def _write_verdict(diagnosis: Diagnosis) -> str:
-    headline, verdict = write_headline(diagnosis), diagnosis.verdict
-    if verdict == "undetermined":
-        return f"{headline}: {explain_undecided(diagnosis)}"
-    names = list_indistinguishable(diagnosis) if verdict == "effect" else [verdict]
-    probability = sum(sum_probability(diagnosis, name) for name in names)
-    within = ", within the sim's tolerances" if diagnosis.checks.get("within_tolerance") else ""
-    return f"{headline}{within} (probability {format_probability(probability)})"
-
-
 def _write_size(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return "not measured, no stretch long enough was left to forecast"
     over = f" over {format_number(gap.horizon_s)} s" if math.isfinite(gap.horizon_s) else ""
-    floor = f"; {name_floor(diagnosis)} alone {format_percent(gap.floor)}" if math.isfinite(gap.floor) else ""
+    floor = (
+        f"; floor {format_percent(gap.floor)}, by {name_floor(diagnosis)}" if math.isfinite(gap.floor) else ""
+    )
     return f"forecasts{over} miss by {format_percent(gap.before)} of the motion{floor}"
 
 
@@ -100,7 +114,7 @@ def _write_closure(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     if gap is None:
         return "not measured"
-    refit = f"to {format_percent(gap.refit)} with the sim's own numbers moved"
+    refit = f"to {format_percent(gap.refit)} with only the sim's own numbers moved"
     if diagnosis.verdict != "effect" or not diagnosis.combination:
         return f"{refit}; nothing is added"
     names = " and ".join(name_candidate(candidate) for candidate in select_chosen(diagnosis))
@@ -108,14 +122,31 @@ def _write_closure(diagnosis: Diagnosis) -> str:
 
 
 def _write_next(diagnosis: Diagnosis) -> str:
-    names = list_indistinguishable(diagnosis) if diagnosis.verdict == "effect" else []
-    if len(names) == 1 and sum_probability(diagnosis, names[0]) >= LIKELY_FROM:
+    verdict, record = diagnosis.verdict, _write_recording(diagnosis)
+    names = list_indistinguishable(diagnosis) if verdict == "effect" else []
+    if len(names) == 1 and is_named(diagnosis):
         return describe_effect(names[0]).remedy.rstrip(".")
-    for name, record in recommend_recordings(diagnosis)[:1]:
-        if record:
-            return f"to know more of {short_title(name)}, {record.rstrip('.')}"
-    name = "none" if diagnosis.verdict == "none" else "unknown"
-    return describe_effect(name).remedy.rstrip(".")
+    if verdict in VERDICTS:
+        told = describe_effect(verdict).remedy.rstrip(".")
+        purpose = "to see what this one cannot show" if verdict == "none" else "then"
+        return f"{told}; {purpose}, {record}" if record else told
+    if verdict == "undetermined":
+        return f"Add nothing yet, and {record or 'record for longer, with more motion'}"
+    return f"To tell them apart, {record}" if record else describe_effect("unknown").remedy.rstrip(".")
+
+
+def _write_recording(diagnosis: Diagnosis) -> str:
+    """What to record, as part of a sentence; empty where there is no advice."""
+    planned = diagnosis.next_experiments
+    texts = [each.text.partition(":")[0] for each in planned.suggestions] if planned else []
+    texts += [
+        finding["remedy"]
+        for finding in list_findings(diagnosis)
+        if finding["level"] == diagnosis.verdict == "undetermined"
+    ]
+    texts += [f"record {record}" for _, record in recommend_recordings(diagnosis)]
+    text = texts[0].rstrip(".") if texts else ""
+    return text[:1].lower() + text[1:]
 
 
 def _shorten(text: str) -> str:

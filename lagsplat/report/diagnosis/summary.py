@@ -23,6 +23,7 @@ from lagsplat.report.common.formatting import (
 )
 from lagsplat.report.diagnosis.content import (
     NEXT_INPUTS,
+    compute_remaining,
     find_main_coordinate,
     list_excited,
     list_findings,
@@ -92,11 +93,17 @@ def write_headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "effect":
         return HEADLINES[diagnosis.verdict]
     equivalent = list_indistinguishable(diagnosis)
-    if sum(sum_probability(diagnosis, name) for name in equivalent) < LIKELY_FROM:
+    if not is_named(diagnosis):
         return "A gap whose cause is undecided"
     if len(equivalent) > 1 and len(diagnosis.combination) < 2:
         return _capitalize(join_texts([short_title(name) for name in equivalent], "or"))
     return _capitalize(join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and"))
+
+
+def is_named(diagnosis: Diagnosis) -> bool:
+    """Whether the headline names a cause: an effect, or several that the recording cannot distinguish."""
+    names = list_indistinguishable(diagnosis) if diagnosis.verdict == "effect" else []
+    return sum(sum_probability(diagnosis, name) for name in names) >= LIKELY_FROM
 
 
 def _write_effect(diagnosis: Diagnosis) -> list[str]:
@@ -105,7 +112,7 @@ def _write_effect(diagnosis: Diagnosis) -> list[str]:
         return _write_unknown(diagnosis)
     probability = sum(sum_probability(diagnosis, name) for name in equivalent)
     sentences = [_describe_size(diagnosis), _describe_place(diagnosis)]
-    if probability < LIKELY_FROM:
+    if not is_named(diagnosis):
         first = [candidate for candidate in diagnosis.candidates if candidate.name != "none"][:3]
         sentences.append(f"Its cause is undecided; most probable are {_list_probable(first)}.")
         return [*sentences, _recommend_next(diagnosis)]
@@ -165,11 +172,11 @@ def _write_unknown(diagnosis: Diagnosis) -> list[str]:
         f"No effect of the catalogue explains it (probability {chance}).",
     ]
     if known:
-        closes = (known[0].closure and known[0].closure.value) or 0.0
-        much = f" would close {format_percent(closes)} of it but" if closes > 0.0 else ""
+        left = compute_remaining(diagnosis.gap, known[0].closure).value
+        much = "more than noise" if left is None else f"{format_percent(left)}, more than noise"
         sentences.append(
-            f"The nearest, {nearest},{much} leaves more than noise behind; it should not be taken for the "
-            "cause, since a wrong effect often closes much of a gap."
+            f"The nearest, {nearest}, would leave {much}; it should not be taken for the cause, since a "
+            "wrong effect often removes much of a gap."
         )
         sentences.append(_mention_combination(diagnosis))
     sentences.append(_mention_immaterial(diagnosis))
@@ -288,13 +295,13 @@ def _describe_cause(
     verb = "The cause is" if probability >= CERTAIN_FROM else "The likely cause is"
     together = format_probability(probability)
     what = " ".join(describe_effect(effect.name).what for effect in chosen)
-    titles = join_texts([title_candidate(effect) for effect in chosen], "and")
+    titles = join_texts([name_candidate(effect) for effect in chosen], "and")
     if len(chosen) > 1:
         number = NUMERALS[len(chosen)]
         return f"{number} effects act together: {titles} (the first with probability {together}). {what}"
     if len(equivalent) > 1:
         texts = [
-            f"{describe_effect(name).title} ({format_probability(sum_probability(diagnosis, name))})"
+            f"{short_title(name)} ({format_probability(sum_probability(diagnosis, name))})"
             for name in equivalent
         ]
         return (
@@ -325,23 +332,19 @@ def _describe_closure(diagnosis: Diagnosis, remedy: str) -> str:
     gap = diagnosis.gap
     if gap is None:
         return ""
-    closure = gap.closure
-    if closure.value is None:
+    if gap.closure.value is None:
         floor = name_floor(diagnosis)
-        return f"How far it closes the gap is unknown: the gap hardly exceeds what {floor} leaves."
-    share = f"{format_percent(closure.value)} of what can be removed"
-    if closure.value >= 1.0:
-        share = "as little as can be asked of forecasts from noisy beginnings"
-    elif closure.low is not None and closure.high is not None:
-        share += f" (95 % interval {format_percent(closure.low)} to {format_percent(closure.high)})"
+        return f"How far that shrinks the gap is unknown: it hardly exceeds what {floor} leaves."
     before, after = format_percent(gap.before), format_percent(gap.after)
-    text = f"{remedy} shrinks the miss from {before} to {after}, which is {share}"
+    left = compute_remaining(gap, gap.closure)
+    if left.low is not None and left.high is not None:
+        after += f" (95 % interval {format_percent(left.low)} to {format_percent(left.high)})"
+    text = f"{remedy} shrinks the miss from {before} to {after}"
     if gap.after >= gap.before:
         text = f"{remedy} does not shrink the miss of held-out forecasts ({after} with it)"
-    removable = gap.before - gap.floor
-    if removable > 0.0 and gap.refit < gap.before:
-        refit = format_percent((gap.before - gap.refit) / removable)
-        text += f"; moving the simulation's own numbers within their uncertainty would remove {refit}"
+    if math.isfinite(gap.refit):
+        refit = format_percent(gap.refit)
+        text += f"; moving the simulation's own numbers within their uncertainty leaves {refit}"
     text += "."
     if gap.floor > 0.0 and gap.after > UNEXPLAINED_RATIO * gap.floor:
         times, floor = format_number(gap.after / gap.floor), name_floor(diagnosis)
@@ -410,18 +413,6 @@ def _name_places(candidate: Candidate) -> tuple[str | None, str | None]:
     several = join_texts(candidate.places, "and")
     on_inputs = isinstance(catalogue().get(candidate.name), InputEffect)
     return (None, several) if on_inputs else (several, None)
-
-
-def title_candidate(candidate: Candidate) -> str:
-    """Write the title of an effect with its place, such as "a delay of input u0"."""
-    title = describe_effect(candidate.name).title
-    coordinate, source = _name_places(candidate)
-    inputs = "inputs" if candidate.places else "input"
-    if source and "an input" in title:
-        title = title.replace("an input", f"{inputs} {source}")
-    elif source:
-        title += f", on {inputs} {source}"
-    return f"{title} at {coordinate}" if coordinate else title
 
 
 def format_estimates(candidate: Candidate) -> list[str]:

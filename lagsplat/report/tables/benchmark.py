@@ -8,7 +8,13 @@ import pandas as pd
 from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.evaluate.aggregate import MEASURED, SERIES, aggregate, paired_margin
 from lagsplat.report.common import table_rows
-from lagsplat.report.common.formatting import escape_latex, format_cells, format_grouped_table
+from lagsplat.report.common.printed_table import (
+    PrintedTable,
+    lay_out,
+    make_count_column,
+    make_number_column,
+    make_text_column,
+)
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
 
 MARGIN_SCORE = "mse_half_second"
@@ -17,11 +23,8 @@ CONSTANT_DYNAMICS = "constant"  # conf/stage2/constant.yaml
 BENCHMARK_COLUMNS = (
     *("robot", "method", "dynamics", "d", *MEASURED, "margin", "margin_low", "margin_high", "external_force"),
     *("diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
+    *("rollouts", "source"),
 )
-BENCHMARK_SCALES = {
-    **{"ae_floor": 1e5, "mse_half_second": 1e3, "mse_ahead": 1e3, "frequency_error": 1e2},
-    **{"latent_nrmse": 1.0, "image_ratio": 1.0, "margin": 1e3},
-}
 MARGIN_COLUMNS = (
     *("robot", "dynamics", "baseline", "score", "value", "low", "high", "relative", "decided", "windows"),
     *("recording", "profile", "n_seeds"),
@@ -68,14 +71,10 @@ def build_benchmark_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     Raises:
         ValueError: no row.
     """
-    merged = _merge(rows)
-    return merged.reindex(columns=[*BENCHMARK_COLUMNS, *table_rows.list_spread_columns(merged, MEASURED)])
-
-
-def _merge(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    return table_rows.merge_with_published(
+    merged = table_rows.merge_with_published(
         rows, lambda robots: [*list_paper_rows(robots), *list_paper_baselines(robots)]
     )
+    return merged.reindex(columns=[*BENCHMARK_COLUMNS, *table_rows.list_spread_columns(merged, MEASURED)])
 
 
 def build_margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]) -> pd.DataFrame:
@@ -98,53 +97,59 @@ def build_margin_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict
     return pd.DataFrame(rows, columns=list(MARGIN_COLUMNS))
 
 
-def format_benchmark_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the benchmark in LaTeX; ``titles`` gives the heading of each robot's block.
+def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_benchmark_table`: the scores, and what else is known of each method.
 
-    The caption names the recordings, the profiles and what the brackets are.
+    ``titles`` gives the name of each robot.
     """
-
-    def format_row(row: Mapping[Any, Any]) -> str:
-        steps = row.get("steps")
-        return format_cells(
-            escape_latex(str(row["method"])),
-            escape_latex(str(row["dynamics"])),
-            str(row["d"]),
-            *table_rows.format_scores(row, BENCHMARK_SCALES),
-            escape_latex(str(row["external_force"])),
-            table_rows.format_diverged(row),
-            "--" if steps is None or pd.isna(steps) else f"{int(steps)}",
-            escape_latex(str(row["recording"])),
-        )
-
-    recordings = " and ".join(sorted({_name_recording(row) for row in rows}))
-    described = table_rows.describe_runs(rows)
-    return format_grouped_table(
-        _merge(rows),
-        by="robot",
-        titles=titles,
-        row=format_row,
-        head=[
-            r"Method & Dynamics & $d$ & AE floor & MSE 0.5\,s & from next & $\varepsilon_{\mathrm{freq}}$ & "
-            r"NRMSE & Image & Our gain & Ext. & Diverged & Steps & Recording \\",
-            r" & & & $(10^{-5})$ & $(10^{-3})$ & $(10^{-3})$ & (\%) & latent & $/$ floor & $(10^{-3})$ & "
-            r"force & rollouts & & \\",
-        ],
-        alignment="llcccccccccccl",
-        caption=(
-            "Half-second forecasts, free oscillation and two-period forecasts on the held-out part of the "
-            f"{recordings}, {described} A rollout that diverges stays in every mean, scored no "
-            "better than the mean prediction. The half second counts the given initial state as its first; "
-            "from next, as many states follow it. Our gain is how much lower the half-second error of "
-            "LaGSplat is on the same starts, with its 95 % interval over them. Steps are those of training "
-            "an image model or a baseline. External force: where a force given in the image can act. Rows "
-            "marked as the paper's are its own numbers, measured on its filmed recordings, and are not "
-            "comparable with a simulated one."
+    shared: dict[str, Any] = {
+        "block": lambda row: table_rows.name_block(row, titles, key="robot"),
+        "compared": ("robot", "recording"),
+    }
+    method = make_text_column("Method", lambda row: row["method"].removesuffix(" (paper)"))
+    scores = [
+        method,
+        make_count_column("d", "Dim."),
+        make_number_column(
+            *("mse_half_second", "MSE 0.5 s", "(10⁻³)"),
+            scale=1e3,
+            best="lowest",
+            note="MSE 0.5 s: image error of half-second forecasts, the given state counted as the first.",
         ),
-        label="tab:krauss",
-    )
-
-
-def _name_recording(row: Mapping[str, Any]) -> str:
-    """A recording as the caption calls it: a file that a user gave need not be what a camera saw."""
-    return f"{row['recording']} recording" + (f" ({row['source']})" if row.get("source") else "")
+        make_number_column(
+            *("margin", "Our gain", "(10⁻³)"),
+            scale=1e3,
+            note="Our gain: how much lower LaGSplat's is on the same starts, with its 95 % interval.",
+        ),
+        make_number_column("frequency_error", "Frequency", "error (%)", scale=1e2, best="lowest"),
+        make_number_column("latent_nrmse", "Latent", "NRMSE (%)", scale=1e2, best="lowest"),
+        table_rows.make_diverged_column(),
+    ]
+    floor = "AE floor: image error of the autoencoder."
+    rest = [
+        method,
+        make_text_column("Dynamics", lambda row: row["dynamics"]),
+        make_number_column("ae_floor", "AE floor", "(10⁻⁵)", scale=1e5, best="lowest", note=floor),
+        make_number_column(
+            *("mse_ahead", "MSE 0.5 s", "from next (10⁻³)"),
+            scale=1e3,
+            best="lowest",
+            note="From next: without the given state.",
+        ),
+        make_number_column(
+            *("image_ratio", "Image error", "/ AE floor"), note="Image error: over two natural periods."
+        ),
+        make_text_column(
+            "External force",
+            lambda row: row["external_force"],
+            note="External force: where a force given in the image can act.",
+        ),
+        make_count_column("steps", "Steps", note="Steps: of training the image model, or a baseline."),
+    ]
+    shared["caption"] = f"Held-out part of each recording. {table_rows.describe_runs(table)}"
+    lead = "Forecasts of the pneumatic arms"
+    paper = ["The paper's numbers are of its own films."]
+    return [
+        lay_out(table, scores, label="tab:krauss", lead=f"{lead}.", notes=paper, **shared),
+        lay_out(table, rest, label="tab:krauss-rest", lead=f"{lead}: models and forces.", **shared),
+    ]

@@ -7,31 +7,30 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_cells,
-    format_grouped_table,
-    format_latex_number,
-    join_distinct,
+from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.printed_table import (
+    PrintedTable,
+    lay_out,
+    make_count_column,
+    make_number_column,
+    make_text_column,
 )
 from lagsplat.report.common.published_values import RECORDING
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
-from lagsplat.report.common.table_rows import build_table
+from lagsplat.report.common.table_rows import build_table, name_block
 
-DECODER_TITLES = {"conditioned": "Conditioned on the state (LaGSplat)", "deformed": "Deformation field"}
-DEFORMATION_MEASURES = {
-    "l1": "L1",
-    "dissimilarity": "1 - SSIM",
-    "roughness": "Roughness, px/s",
-    "speed": "Own speed, px/s",
-    "painted_still": "Painted on background, px/s",
-    "painted_moving": "Painted elsewhere, px/s",
-    "parameters": "Parameters",
-    "wall_s": "Training, s",
-}
+DECODER_TITLES = {"conditioned": "Conditioned on the state", "deformed": "Deformation field"}
+OF_ROUGHNESS = (
+    "Roughness: how far a primitive's velocity differs from its neighbours', median over visible primitives "
+    "at the frame of the fastest motion."
+)
+OF_PAINTING = (
+    "Painted: speed as drawn with the primitives' own opacities and shapes, on the still background and "
+    "where something moves."
+)
 DEFORMATION_COLUMNS = (
-    *("system", "decoder", *DEFORMATION_MEASURES),
-    *("n_gaussians", "steps", "recording", "profile"),
+    *("system", "decoder", "l1", "dissimilarity", "roughness", "speed", "painted_still", "painted_moving"),
+    *("parameters", "wall_s", "n_gaussians", "steps", "recording", "profile"),
 )
 # Appendix "Deformation-Field Decoder at Equal Budget": 15 000 primitives, on its film of the rocker.
 PAPER_DECODERS: dict[str, dict[str, dict[str, float]]] = {
@@ -63,33 +62,34 @@ def build_deformation_table(
     return table.sort_values("system", kind="stable").reset_index(drop=True)
 
 
-def format_deformation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """Format the table of `build_deformation_table` in LaTeX; ``titles`` gives the name of each system."""
-
-    def format_row(row: Mapping[Any, Any]) -> str:
-        name = DECODER_TITLES.get(str(row["decoder"]), str(row["decoder"]))
-        values = (format_latex_number(row[measure]) for measure in DEFORMATION_MEASURES)
-        return format_cells(escape_latex(name), *values, escape_latex(str(row["recording"])))
-
+def lay_out_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_deformation_table`; ``titles`` gives the name of each system."""
     ours = table[table["profile"] != "the paper's"]
-    head = format_cells("Decoder", *map(escape_latex, DEFORMATION_MEASURES.values()), "Recording")
-    return format_grouped_table(
-        table,
-        by="system",
-        titles=titles,
-        row=format_row,
-        head=[head],
-        alignment="l" + "c" * len(DEFORMATION_MEASURES) + "l",
-        caption=(
-            f"Two decoders of the same frozen latents with {join_distinct(ours['n_gaussians'])} Gaussians "
-            f"each, the same losses, step sizes and {join_distinct(ours['steps'])} steps; profile "
-            f"{join_distinct(ours['profile'])}. L1 and SSIM are over the frames that were fitted. Roughness "
-            "is how far a primitive's velocity differs from its neighbours', the median over visible "
-            "primitives at the frame of the fastest motion; painted means drawn with the primitives' own "
-            "opacities and shapes. The paper's rows are of its film, with 15000 primitives."
-        ),
-        label="tab:deformation",
-    )
+    columns = [
+        make_text_column("Decoder", lambda row: DECODER_TITLES.get(row["decoder"], row["decoder"])),
+        make_number_column("l1", "L1", best="lowest", note="L1 and SSIM: over the frames that were fitted."),
+        make_number_column("dissimilarity", "1 − SSIM", best="lowest"),
+        make_number_column("roughness", "Roughness", "(px/s)", best="lowest", note=OF_ROUGHNESS),
+        make_number_column("speed", "Own speed", "(px/s)"),
+        make_number_column("painted_still", "still", over="Painted (px/s)", best="lowest", note=OF_PAINTING),
+        make_number_column("painted_moving", "moving", over="Painted (px/s)"),
+        make_count_column("parameters", "Parameters"),
+        make_number_column("wall_s", "Training", "(s)", best="lowest"),
+    ]
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:deformation",
+            lead="Two decoders of the same frozen latents, at equal terms.",
+            caption=(
+                f"Ours: {join_distinct(ours['n_gaussians'])} Gaussians and {join_distinct(ours['steps'])} "
+                f"steps, the same losses and step sizes, profile {join_distinct(ours['profile'])}. The "
+                f"paper's: {PAPER_PRIMITIVES} Gaussians, on its film."
+            ),
+            block=lambda row: name_block(row, titles),
+        )
+    ]
 
 
 def draw_jacobian_field(

@@ -1,35 +1,33 @@
-"""The table of extrapolation: every measure of every model over its seeds, and the same in LaTeX."""
+"""The table of extrapolation: every measure of every model over its seeds, and the same for print."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_block_title,
-    format_cells,
-    format_latex_number,
-    format_latex_table,
-    join_distinct,
-    rescale,
+from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.printed_table import (
+    Column,
+    PrintedTable,
+    Row,
+    lay_out,
+    make_number_column,
+    make_text_column,
 )
 from lagsplat.report.common.published_values import RECORDING
-from lagsplat.report.common.table_rows import take_median
+from lagsplat.report.common.table_rows import name_block, take_median
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
 PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
-N_IMAGE_MEASURES = 4  # the first of `MEASURES`; the others are of physics
-USUAL_MODELS = (OURS, FORECASTER, FREE, AUTHORS)
 SHORT_TITLES = {
     OURS: "LaGSplat",
     FORECASTER: "Key points",
     FREE: "Neural ODE",
-    AUTHORS: "Authors' code",
+    AUTHORS: "GaussianPrediction",
     PAPER_TITLES["LaGSplat"]: "LaGSplat",
-    PAPER_TITLES["GaussianPrediction"]: "GaussianPred.",
+    PAPER_TITLES["GaussianPrediction"]: "GaussianPrediction",
 }
 EXTRAPOLATION_COLUMNS = (
     *("system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note"),
@@ -38,15 +36,31 @@ EXTRAPOLATION_COLUMNS = (
 
 
 class ExtrapolationMeasure(NamedTuple):
-    """One measure: its name, its title, its keys in a result, and the factor to its printed unit."""
+    """One measure: its name, its heading, its keys in a result, and the factor to its printed unit."""
 
     name: str
     title: str
+    below: str
     keys: tuple[str, ...]
     scale: float = 1.0
+    best: Literal["lowest", "highest"] | None = None
+    is_main: bool = False
+    least: float = 0.0
+    note: str = ""
+
+    def make_column(self) -> Column:
+        """The column of a printed table."""
+        return make_number_column(
+            *(self.name, self.title, self.below),
+            scale=self.scale,
+            best=self.best,
+            least=self.least,
+            note=self.note,
+        )
 
     def read(self, result: Mapping[str, Any]) -> float | None:
-        """The value in a result of the extrapolation, errors without their sign; None where there is none."""
+        """The value in a result of the extrapolation, errors without their sign; None where there is "
+        "none."""
         if self.name == "energy_left":
             return _read_energy_left(result)
         value: Any = result
@@ -74,19 +88,37 @@ def _read_energy_left(result: Mapping[str, Any]) -> float | None:
     return float(np.mean(last)) / early if early > 0 else None
 
 
-MEASURES = (
-    ExtrapolationMeasure("psnr_mean", "Mean on held-out frames", ("psnr", "mean")),
-    ExtrapolationMeasure("psnr_first", "First predicted frame", ("psnr", "first")),
-    ExtrapolationMeasure("psnr_last", "Last predicted frame", ("psnr", "last")),
-    ExtrapolationMeasure("psnr_aligned", "Mean, phase taken out", ("aligned", "mean")),
-    ExtrapolationMeasure("frequency_error", "Frequency error (%)", ("physics", "frequency_error"), 100.0),
-    ExtrapolationMeasure("rate_error", "Dissipation error (%)", ("physics", "rate_error"), 100.0),
-    ExtrapolationMeasure("left_shown", "Amplitude left where the figure ends (%)", ("left_shown",), 100.0),
-    ExtrapolationMeasure("left", "Amplitude left at the horizon (%)", ("left",), 100.0),
-    ExtrapolationMeasure("energy_left", "Energy left at the horizon (%)", ("looks",), 100.0),
-    ExtrapolationMeasure("inside", "Frames in the encoder's range (%)", ("range", "inside"), 100.0),
+OF_FRAMES = "PSNR: of the held-out frames; phase out: best of the frames shown up to two earlier or later."
+OF_CHART = (
+    "Errors: of the frequency and of the decay rate of the envelope, in the chart of the frozen encoder."
 )
-FLOOR = ExtrapolationMeasure("floor", "Autoencoder floor on these frames", ("floor", "mean"))
+LEFT = "Left: at the horizon, of that in the clip's first period; in figure: where the figure ends."
+MEASURES = (
+    ExtrapolationMeasure(
+        *("psnr_mean", "PSNR (dB)", "mean", ("psnr", "mean")), best="highest", is_main=True, note=OF_FRAMES
+    ),
+    ExtrapolationMeasure("psnr_first", "PSNR (dB)", "first", ("psnr", "first"), best="highest"),
+    ExtrapolationMeasure("psnr_last", "PSNR (dB)", "last", ("psnr", "last"), best="highest"),
+    ExtrapolationMeasure(
+        *("psnr_aligned", "PSNR (dB)", "phase out", ("aligned", "mean")), best="highest", is_main=True
+    ),
+    ExtrapolationMeasure(
+        *("frequency_error", "Error (%)", "frequency", ("physics", "frequency_error"), 100.0, "lowest"),
+        is_main=True,
+        note=OF_CHART,
+    ),
+    ExtrapolationMeasure(
+        *("rate_error", "Error (%)", "dissipation", ("physics", "rate_error"), 100.0, "lowest"), is_main=True
+    ),
+    ExtrapolationMeasure("left_shown", "Amplitude", "in figure (%)", ("left_shown",), 100.0, least=0.01),
+    ExtrapolationMeasure("left", "Amplitude", "left (%)", ("left",), 100.0, None, True, 0.01, LEFT),
+    ExtrapolationMeasure("energy_left", "Energy", "left (%)", ("looks",), 100.0, least=0.01, note=LEFT),
+    ExtrapolationMeasure(
+        *("inside", "In range", "(%)", ("range", "inside"), 100.0),
+        note="In range: frames that the encoder places among those it was trained on.",
+    ),
+)
+FLOOR = ExtrapolationMeasure("floor", "PSNR (dB)", "autoencoder", ("floor", "mean"))
 
 # Table "Extrapolation past the training window"; the amplitudes where the figure ends from the text.
 PAPER_MEASURES = (
@@ -177,71 +209,62 @@ def _list_paper_rows(system: str) -> list[dict[str, Any]]:
     ]
 
 
-def format_extrapolation_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """Format the table of `build_extrapolation_table` in LaTeX: measures down, models across.
+def lay_out_extrapolation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_extrapolation_table`, models down: what readers look for, and the rest.
 
-    ``titles`` gives the name of each system. A cell without a number is a dash whose footnote says why.
+    ``titles`` gives the name of each system. A mark leads to the note on why seeds are missing.
 
     Source: paper, Table "Extrapolation past the training window".
     """
-    present = list(dict.fromkeys(table["model"]))
-    variants = [name for name in present if name not in (*USUAL_MODELS, *PAPER_TITLES.values())]
-    models = [*USUAL_MODELS, *variants, *PAPER_TITLES.values()]
-    notes: list[str] = []
-    if AUTHORS not in present:
-        notes.append("The authors' code needs CUDA and was not run on this recording.")
-    body: list[str] = []
-    for system, block in table.groupby("system", sort=False):
-        body.append(format_block_title(titles.get(str(system), str(system)), columns=len(models) + 1))
-        for index, measure in enumerate((*MEASURES[:N_IMAGE_MEASURES], FLOOR, *MEASURES[N_IMAGE_MEASURES:])):
-            if index == N_IMAGE_MEASURES + 1:
-                body.append(r"\noalign{\vskip 2pt}")
-            cells = (_format_cell(block, measure, model, notes) for model in models)
-            body.append(format_cells(escape_latex(measure.title), *cells))
-    head = [
-        rf" & \multicolumn{{{len(USUAL_MODELS) + len(variants)}}}{{c}}{{this work}} & "
-        rf"\multicolumn{{{len(PAPER_TITLES)}}}{{c}}{{the paper, on its film}} \\",
-        format_cells("", *(escape_latex(SHORT_TITLES.get(name, name)) for name in models)),
-    ]
-    return format_latex_table(
-        head=head,
-        body=body,
-        alignment="l" + "c" * len(models),
-        caption=_write_caption(table, notes),
-        label="tab:extrapolation",
-    )
-
-
-def _format_cell(block: pd.DataFrame, measure: ExtrapolationMeasure, model: str, notes: list[str]) -> str:
-    """A value with its range; why seeds are missing is added to ``notes`` once, and marked in the cell."""
-    rows = block[(block["model"] == model) & (block["measure"] == measure.name)].to_dict("records")
-    if not rows:
-        return r"--$^{1}$" if model == AUTHORS and notes else "--"
-    row = rows[0]
-    cell = format_latex_number(*(rescale(row.get(key), measure.scale) for key in ("value", "low", "high")))
-    if row["n_measured"] == row["n_seeds"]:
-        return cell
-    note = f"In {row['n_measured']} of {row['n_seeds']} seeds: {row['note']}."
-    if note not in notes:
-        notes.append(note)
-    return cell + rf"$^{{{notes.index(note) + 1}}}$"
-
-
-def _write_caption(table: pd.DataFrame, notes: list[str]) -> str:
+    reasons: list[str] = []
+    frame = _spread_measures(table, reasons)
     ours = table[table["recording"] != RECORDING]
-    seeds = "; ".join(
-        f"{SHORT_TITLES.get(str(name), str(name))} {int(group['n_seeds'].iloc[0])}"
-        for name, group in ours.groupby("model", sort=False)
+    settings = f"{join_distinct(ours['recording'])} recording, profile {join_distinct(ours['profile'])}"
+    notes = [f"({number}) {reason}" for number, reason in enumerate(reasons, start=1)]
+    if AUTHORS not in set(table["model"]):
+        notes.append("The authors' code of GaussianPrediction needs CUDA and was not run.")
+    model = make_text_column(
+        "Model",
+        _shorten_model,
+        wrap_em=9,
+        note="Key points: our two-dimensional re-implementation of a graph-network forecaster.",
     )
-    numbered = " ".join(f"({index + 1}) {note}" for index, note in enumerate(notes))
-    return (
-        f"Extrapolation past the training frames; {join_distinct(ours['recording'])} recording, profile "
-        f"{join_distinct(ours['profile'])}. Medians over seeds with their range ({seeds}). Rendering: PSNR "
-        "in dB against the recorded frames; with its phase taken out, each frame is held against the best of "
-        "those shown up to two frames earlier or later. Physics is read in the chart of the frozen encoder, "
-        "over the whole clip and by one estimator for all: error of the frequency and of the decay rate of "
-        "the envelope against the encoded clip. Amplitudes are shares of the clip's first period, at the end "
-        "of the figure and of the whole rollout. Key points: a re-implementation of a graph-network "
-        "forecaster in two dimensions. Columns of the paper were measured on its film, another recording. "
-        f"{numbered}"
-    )
+    lead = "Extrapolation past the training frames"
+    return [
+        lay_out(
+            frame,
+            [model, *(one.make_column() for one in (*MEASURES, FLOOR) if one.is_main is is_main)],
+            label=label,
+            lead=f"{lead}{more}.",
+            caption=f"Ours: {settings}; medians over seeds, with their range. The paper's: on its film.",
+            block=lambda row: name_block(row, titles),
+            notes=notes,
+        )
+        for is_main, label, more in (
+            (True, "tab:extrapolation", ""),
+            (False, "tab:extrapolation-rest", ": further measures"),
+        )
+    ]
+
+
+def _shorten_model(row: Row) -> str:
+    """The short title of a model, with the variant that is named behind it."""
+    name, comma, variant = row["model"].partition(", ")
+    return f"{SHORT_TITLES.get(name, name)}{comma}{variant}"
+
+
+def _spread_measures(table: pd.DataFrame, reasons: list[str]) -> pd.DataFrame:
+    """A row for each model of each recording; why seeds are missing is added to ``reasons`` once, and "
+    "marked."""
+    rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    for found in table.to_dict("records"):
+        key = tuple(str(found[name]) for name in ("system", "recording", "model"))
+        row = rows.setdefault(key, {name: found[name] for name in ("system", "recording", "model")})
+        name = found["measure"]
+        row |= {name: found["value"], f"{name}_low": found["low"], f"{name}_high": found["high"]}
+        if found["n_measured"] < found["n_seeds"]:
+            reason = f"In {found['n_measured']} of {found['n_seeds']} seeds: {found['note']}."
+            if reason not in reasons:
+                reasons.append(reason)
+            row[f"{name}_mark"] = str(reasons.index(reason) + 1)
+    return pd.DataFrame(list(rows.values()), dtype=object)

@@ -1,20 +1,25 @@
 """Answers to forces: against the true ones of simulated systems, and what must hold without a truth."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_cells,
-    format_grouped_table,
-    format_latex_number,
-    join_distinct,
-    rescale,
+from lagsplat.report.common.formatting import format_interval, join_distinct
+from lagsplat.report.common.printed_table import (
+    DASH,
+    Cell,
+    Column,
+    PrintedTable,
+    Row,
+    lay_out,
+    make_count_column,
+    make_number_column,
+    make_text_column,
+    write_number,
 )
 from lagsplat.report.common.published_values import RECORDING
-from lagsplat.report.common.table_rows import build_table, format_score, group_runs, take_median
+from lagsplat.report.common.table_rows import group_runs, name_block, take_median
 
 ACCURACY_ERRORS = (
     *("direction_deg", "shape", "amplitude"),
@@ -40,6 +45,23 @@ INVARIANTS = {
 }
 """Column, and block and key of `lagsplat.evaluate.forces.invariants.force_invariants`."""
 INVARIANT_COLUMNS = ("system", "method", *INVARIANTS, "across", "recording", "profile", "n_seeds")
+OF_LEVER = (
+    "Lever: rank correlation of the answer to a downward force with the lever arm about the centre of "
+    "rotation, points with its sign, answers at the outermost points (one coordinate only)."
+)
+OF_BACKGROUND = (
+    "Object / background: typical answer on the object over the largest where the picture never changes, ∞ "
+    "where no matter was found there."
+)
+OF_SUMS = (
+    "Sums: relative error of a sum of two forces as pulled back, and of the answers to forces a hundred "
+    "thousandth as large."
+)
+OF_BENT_CHART = "Chart: largest change of a colour when solved in bent coordinates."
+OF_ACROSS = (
+    "Across: share that is felt of a force across the motion, in the picture or, for a system in space, on "
+    "what a ray met first; the paper's is the force itself, in space."
+)
 PAPER_SYSTEM = "rainbow_rocker"
 # The same downward force at three slats: -0.50, -0.76, -0.84; on the other side +1.22. Sums: one force from
 # the other two by linearity. Across: in three dimensions, and absolute.
@@ -47,6 +69,25 @@ PAPER_INVARIANTS = {
     **{"left": -0.84, "right": 1.22, "background": 0.007, "typical": 0.50, "ratio": 70.0},
     **{"force_sum": 8e-8, "across": 3.1e-17},
 }
+
+
+OF_MATTER = "displacements of the field of matter."
+OF_PICTURE = "displacements read off the decoded state through a map from latents to true coordinates."
+OF_ERRORS = (
+    "Direction: of the pushed point; shape: what the best factor leaves of the displacements of all points; "
+    "amplitude: that factor, less one."
+)
+OF_SCALE = (
+    "Other pokes' scale: 10th to 90th percentile of what other pokes would have set, relative to this one."
+)
+OF_MASS = (
+    "First motion: shape of the acceleration with a mass that is learned, induced by equally heavy points, "
+    "or by the true masses."
+)
+OF_SPAN = (
+    "Span: largest over smallest eigenvalue relative to the true matrix; one factor makes all energies true "
+    "where it is 1."
+)
 
 
 def build_force_rows(
@@ -71,53 +112,84 @@ def build_force_rows(
     return rows
 
 
-def format_force_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the rows of `build_force_rows` in LaTeX; ``titles`` gives the heading of each system's block."""
-    frame = build_table(rows, ACCURACY_COLUMNS)
-    return format_grouped_table(
-        frame,
-        by="system",
-        titles=titles,
-        row=_format_accuracy_row,
-        head=[
-            r"& & \multicolumn{3}{c}{Matter} & \multicolumn{3}{c}{Picture} & In time \\",
-            r"& $n$ & direction ($^\circ$) & shape (\%) & amplitude (\%) & direction ($^\circ$) & "
-            r"shape (\%) & amplitude (\%) & (\%) \\",
-        ],
-        alignment="lcccccccc",
-        caption=(
-            "Answers to known forces on known points of the simulated systems against the true ones, which "
-            f"no training saw; profile {join_distinct(frame['profile'].dropna())}; medians over forces, with "
-            "the 90th percentile in brackets. One poke sets the energy scale; in brackets behind the first "
-            "row's name, the 10th and 90th percentile of the scale that other pokes of its size would have "
-            "set, relative to it. Matter: the ways of the field of matter; picture: ways read off the "
-            "decoded state through a map from latents to true coordinates. Direction: of the pushed point; "
-            "shape: what the best factor leaves of the ways of all points; amplitude: that factor, less one. "
-            "Levels: how far the force drives the true state, in visited ranges. In time: rms error of all "
-            "ways under a force switched on at rest. First motion: shape of the acceleration with a mass "
-            "that is learned, induced by equally heavy points, or by the true masses. Span of energies: "
-            "largest over smallest eigenvalue relative to the true matrix; one factor makes all energies "
-            "true where it is 1."
-        ),
-        label="tab:force-truth",
+def lay_out_forces(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_force_rows`: visited ranges, then every level, then masses.
+
+    ``titles`` gives the heading of each system's block.
+    """
+    is_main = table["what"].str.match("visited|in time|nothing")
+    is_level = table["what"].str.match("visited|level")
+    errors = [
+        Column(title, _write_error(f"{prefix}{key}", scale), unit, over, note=f"{over}: {note}")
+        for prefix, over, note in (("", "Matter", OF_MATTER), ("pictured_", "Picture", OF_PICTURE))
+        for key, title, unit, scale in (
+            ("direction_deg", "direction", "(°)", 1.0),
+            ("shape", "shape", "(%)", 100.0),
+            ("amplitude", "amplitude", "(%)", 100.0),
+        )
+    ]
+    in_time = make_number_column(
+        *("error", "Error in", "time (%)"),
+        scale=100.0,
+        note="Error in time: rms of all displacements under a force switched on at rest.",
     )
+    scale = Column("Other pokes'", _write_scale, "scale", note=OF_SCALE)
+    forces, n = make_text_column("Forces", _describe_forces), make_count_column("n", "n")
+    profiles = join_distinct(table["profile"].dropna())
+    caption = f"Profile {profiles}; medians over forces, brackets: 90th percentile."
+    shared: dict[str, Any] = {"block": lambda row: name_block(row, titles)}
+    lead = "Answers to known forces"
+    return [
+        lay_out(
+            *(table[is_main], [forces, n, *errors[:3], in_time, scale]),
+            label="tab:force-truth",
+            lead=f"{lead} against the true ones, which no training saw.",
+            caption=f"Simulated systems, after one poke set the energy scale. {caption}",
+            notes=[OF_ERRORS],
+            **shared,
+        ),
+        lay_out(
+            *(table[is_level], [forces, n, *errors]),
+            label="tab:force-levels",
+            lead=f"{lead}, by how far they drive the true state.",
+            caption=f"Levels are in visited ranges. {caption}",
+            notes=[OF_ERRORS],
+            **shared,
+        ),
+        lay_out(
+            table[~is_main & ~is_level],
+            [
+                make_text_column("Measure", lambda row: row["what"]),
+                make_number_column("shape", "Shape", "(%)", scale=100.0, note=OF_MASS),
+                make_number_column("span", "Span", note=OF_SPAN),
+            ],
+            label="tab:force-masses",
+            lead="First motion under a force, and span of energies.",
+            caption=f"Simulated systems. {caption}",
+            **shared,
+        ),
+    ]
 
 
-def _format_accuracy_row(row: Mapping[Any, Any]) -> str:
-    if isinstance(row["refused"], str):
-        return format_cells(escape_latex(f"{row['what']}: {row['refused']}"), *[""] * 8)
+def _describe_forces(row: Row) -> str:
+    refused = row.get("refused")
+    return f"{row['what']}: {refused}" if isinstance(refused, str) else row["what"]
 
-    def format_error(name: str) -> str:
-        scale = 1.0 if name.endswith("deg") else 100.0
-        median, p90 = (format_latex_number(rescale(row.get(f"{name}{end}"), scale)) for end in ("", "_p90"))
-        return median if p90 == "--" else f"{median} ({p90})"
 
-    scales = [format_latex_number(row[name]) for name in ("scale_low", "scale_high")]
-    what = escape_latex(str(row["what"])) + ("" if "--" in scales else f" [{', '.join(scales)}]")
-    what += "" if pd.isna(row["span"]) else f": {format_latex_number(row['span'])}"
-    n = "--" if pd.isna(row["n"]) else f"{row['n']:.0f}"
-    errors = (format_error(name) for name in ACCURACY_ERRORS)
-    return format_cells(what, n, *errors, format_score(row, "error", scale=100.0))
+def _write_error(key: str, scale: float) -> Callable[[Row], Cell]:
+    def write(row: Row) -> Cell:
+        cell, tail = (write_number(row.get(name), scale=scale, digits=2) for name in (key, f"{key}_p90"))
+        return cell if tail.text == DASH else cell._replace(small=f"({tail.text})")
+
+    return write
+
+
+def _write_scale(row: Row) -> Cell:
+    low, high = row.get("scale_low"), row.get("scale_high")
+    if low is None or high is None or pd.isna(low) or pd.isna(high):
+        return Cell(DASH)
+    _, *bounds = format_interval(low, low, high)
+    return Cell(" to ".join(bounds))
 
 
 def _read_truth(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -163,58 +235,48 @@ def build_invariant_rows(
     return rows
 
 
-def format_invariant_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the rows of `build_invariant_rows` in LaTeX; ``titles`` gives the heading of each block.
+def lay_out_invariants(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_invariant_rows`; ``titles`` gives the name of each system.
 
     Source: paper, "Applying forces".
     """
-    frame = build_table(rows, INVARIANT_COLUMNS)
-    ours = frame[frame["method"] != "paper"]
-    return format_grouped_table(
-        frame,
-        by="system",
-        titles=titles,
-        row=_format_invariant_row,
-        head=[
-            r"& \multicolumn{3}{c}{Lever} & Background & \multicolumn{2}{c}{Sums} & Chart & Across \\",
-            r"& rank & sign (\%) & ends & on / off & forces & answers & picture & \\",
-        ],
-        alignment="lcccccccc",
-        caption=(
-            "What must hold of forces in the picture whatever the energy scale is; "
-            f"{join_distinct(ours['recording'])} recordings, profile {join_distinct(ours['profile'])}; one "
-            "force a system. Lever: rank correlation of the answer to a downward force with the lever arm "
-            "about the centre of rotation, points with its sign, answers at the outermost points (one "
-            "coordinate only). Background: typical answer on the object over the largest where the picture "
-            "never changes, infinite where no matter was found there. Sums: "
-            "relative error of a sum of two forces as pulled back, and of the answers to forces a hundred "
-            "thousandth as large. Chart: largest change of a colour when solved in bent coordinates. Across: "
-            "share that is felt of a force across the motion, in the picture or, for a system in space, on "
-            "what a ray met first. The paper's row holds its own numbers, on its film of its rocker; its "
-            "last is of a force in space, and not a share but the force itself."
-        ),
-        label="tab:force-invariants",
-    )
+    ours = table[table["method"] != "paper"]
+    columns = [
+        make_text_column("System", lambda row: titles.get(row["system"], row["system"])),
+        make_number_column("lever_rank", "rank", over="Lever", note=OF_LEVER),
+        make_number_column("lever_sign", "sign (%)", scale=100.0, over="Lever"),
+        Column("ends", _write_ends, over="Lever"),
+        Column("Object /", _write_ratio, "background", note=OF_BACKGROUND),
+        Column("forces", _write_order("force_sum"), over="Sums", note=OF_SUMS),
+        Column("answers", _write_order("small_answer_sum"), over="Sums", note=OF_SUMS),
+        Column("Chart", _write_order("chart_picture"), note=OF_BENT_CHART),
+        Column("Across", _write_order("across"), note=OF_ACROSS),
+    ]
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:force-invariants",
+            lead="What must hold of forces in the picture, whatever the energy scale is.",
+            caption=f"One force a system; profile {join_distinct(ours['profile'])}; medians over seeds.",
+            block=lambda row: f"{row['recording'][:1].upper()}{row['recording'][1:]}",
+        )
+    ]
 
 
-def _format_invariant_row(row: Mapping[Any, Any]) -> str:
-    ends = [format_latex_number(row[name]) for name in ("left", "right")]
-    small = ("force_sum", "small_answer_sum", "chart_picture", "across")
-    return format_cells(
-        escape_latex(f"{row['method']} ({row['recording']})"),
-        format_score(row, "lever_rank"),
-        format_score(row, "lever_sign", scale=100.0),
-        "--" if "--" in ends else ", ".join(ends),
-        r"$\infty$" if row["background"] == 0.0 else format_score(row, "ratio"),
-        *(format_order_of_magnitude(row[name]) for name in small),
-    )
+def _write_ends(row: Row) -> Cell:
+    left, right = (write_number(row.get(name), digits=2).text for name in ("left", "right"))
+    return Cell(DASH if DASH in (left, right) else f"{left}, {right}")
 
 
-def format_order_of_magnitude(value: float | None) -> str:
-    """Format a number of which only one digit and the power of ten matter."""
-    if value is None or pd.isna(value):
-        return "--"
-    if value == 0.0:
-        return "$0$"
-    digits, order = f"{value:.0e}".split("e")
-    return rf"${digits}\cdot 10^{{{int(order)}}}$"
+def _write_ratio(row: Row) -> Cell:
+    return Cell("∞") if row["background"] == 0.0 else write_number(row.get("ratio"))
+
+
+def _write_order(key: str) -> Callable[[Row], Cell]:
+    """Of a number of which only one digit and the power of ten matter."""
+
+    def write(row: Row) -> Cell:
+        return write_number(row.get(key), digits=1)
+
+    return write

@@ -1,13 +1,24 @@
-"""The table of the sim-to-real gaps of every system, for reading by machine and by LaTeX."""
+"""The table of the sim-to-real gaps of every system, as data and for print."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
 from lagsplat.diagnose.effects.registry import short_title
-from lagsplat.report.common.formatting import escape_latex, format_cells, format_latex_table, join_distinct
-from lagsplat.report.common.table_rows import format_score
+from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.printed_table import (
+    DASH,
+    Cell,
+    Column,
+    PrintedTable,
+    Row,
+    lay_out,
+    make_number_column,
+    make_text_column,
+)
+from lagsplat.report.common.table_rows import name_block
 
 HELD_OUT = "held_out"
 GAP_COLUMNS = (
@@ -16,7 +27,11 @@ GAP_COLUMNS = (
     *("image_before", "image_after", "image_floor", "horizon_s", "conditional_on_perception"),
     *("recording", "profile"),
 )
-GAP_MEASURES = ("before", "after", "floor", "closure")
+BLIND_MAIN = ("top-1, class", "top-2, class", "false alarms", "abstention, outside", "false abstention")
+BLIND_COLUMNS = 5  # of the other tables, so that each fits on a page
+HIGH_IS_BETTER = ("top-", "abstention", "macro F1", "closure", "two effects", "where:")
+LOW_IS_BETTER = ("false", "wrong", "recordings with", "calibration error", "Brier", "parameter error")
+"""How the names of metrics begin."""
 VERDICT_TITLES = {"effect": "", "none": "none", "unknown": "unknown", "undetermined": "undetermined"}
 
 
@@ -60,56 +75,117 @@ def build_gap_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(GAP_COLUMNS))
 
 
-def format_gap_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the rows of `build_gap_rows` in LaTeX; ``titles`` gives the name of each system."""
-    body: list[str] = []
-    for system in dict.fromkeys(row["system"] for row in rows):
-        body.append(r"\midrule")
-        for index, row in enumerate(row for row in rows if row["system"] == system):
-            title = escape_latex(titles.get(system, system)) if index == 0 else ""
-            body.append(format_cells(title, *_format_row(row)))
-    planted = any(row["planted"] is not None for row in rows)
-    second = (
-        " Below each simulated arm: the same sim and encoder against a second simulated recording, under "
-        "other pressures, of the arm with the named effect, which the sim has not."
-        if planted
-        else ""
-    )
-    return format_latex_table(
-        head=[
-            r"System & Held against & Found & $p$ & Gap & After & Floor & Closed & Diverged & Recording \\",
-            r" & & & & (\%) & (\%) & (\%) & (\%) & & \\",
-        ],
-        body=body,
-        alignment="lllccccccl",
-        caption=(
-            "The gap between each fitted system and the held-out part of its own recording "
-            f"({join_distinct(row['recording'] for row in rows)}; profile "
-            f"{join_distinct(row['profile'] for row in rows)}): what a diagnosis found, with its probability "
-            "p, and the root mean square error of held-out forecasts over one natural period, as a share of "
-            "each latent's rms: of the sim as fitted, with what was found added, and of the true model given "
-            "the noise. Every forecast counts, also those that diverged (of the sim, with what was found, of "
-            "how many). Effects that a fit takes up in its own terms cannot be found in its own "
-            f"recording.{second}"
+def lay_out_gap(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_gap_table`; ``titles`` gives the name of each system."""
+    columns = [
+        make_text_column("Held against", _describe_reference, wrap_em=11),
+        make_text_column("Found", _describe_finding, wrap_em=11),
+        make_number_column("probability", "p", digits=2),
+        *(
+            make_number_column(key, title, "(%)", scale=100.0)
+            for key, title in (("before", "Gap"), ("refit", "Refit"), ("after", "After"), ("floor", "Floor"))
         ),
-        label="tab:gap",
-    )
-
-
-def _format_row(row: Mapping[str, Any]) -> list[str]:
-    """All cells but the first."""
-    against = "held-out part" if row["planted"] is None else f"with {_name_effect(row['planted'])}"
-    effects = "; ".join(_name_effect(name) for name in row["found"].split("+")) if row["found"] else ""
-    diverged = f"{row['diverged_before']}, {row['diverged_after']} of {row['blocks']}"
-    return [
-        escape_latex(against),
-        escape_latex(effects or VERDICT_TITLES[row["verdict"]]),
-        "--" if row["probability"] is None else f"${row['probability']:.2f}$",
-        *(format_score(row, name, scale=100.0) for name in GAP_MEASURES),
-        diverged if row["blocks"] else "--",
-        escape_latex(row["recording"]),
+        make_text_column(
+            "Diverged",
+            _count_diverged,
+            note="Diverged: forecasts of the sim and with what was found, which all count.",
+        ),
     ]
+    notes = [
+        "Gap: rms error of held-out forecasts over one natural period, as a share of each latent's rms, of "
+        "the sim as fitted; refit: with its own parameters fitted again; after: with what was found added; "
+        "floor: of the true model, given the noise."
+    ]
+    if table["planted"].notna().any():
+        notes.append("With an effect: a second recording, under other inputs, of a system that has it.")
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:gap",
+            lead="The gap between each fitted system and its recordings.",
+            caption=(
+                "What a diagnosis found, with its probability p. Effects that a fit takes up in its own "
+                f"terms cannot be found in its own recording. Profile {join_distinct(table['profile'])}."
+            ),
+            block=lambda row: name_block(row, titles),
+            notes=notes,
+        )
+    ]
+
+
+def _describe_reference(row: Row) -> str:
+    return "held-out part" if pd.isna(row["planted"]) else f"with {_name_effect(row['planted'])}"
+
+
+def _describe_finding(row: Row) -> str:
+    names = row["found"].split("+") if isinstance(row["found"], str) and row["found"] else []
+    return "; ".join(map(_name_effect, names)) or VERDICT_TITLES[row["verdict"]]
+
+
+def _count_diverged(row: Row) -> str | None:
+    counts = [row[key] for key in ("diverged_before", "diverged_after", "blocks")]
+    if any(pd.isna(count) for count in counts):
+        return None
+    before, after, blocks = map(int, counts)
+    return f"{before}, {after} of {blocks}"
 
 
 def _name_effect(name: str) -> str:
     return "nothing planted" if name == "none" else short_title(name)
+
+
+def lay_out_blind(table: pd.DataFrame) -> list[PrintedTable]:
+    """Lay out the blind check, methods down: what readers look for, and the other metrics.
+
+    ``table`` has a row for each ``metric`` of each ``tier`` and a column for each method, whose texts begin
+    with a number and may go on with its interval; ``recordings`` tells of what a tier is.
+    """
+    methods = [name for name in table.columns if name not in ("tier", "recordings", "metric")]
+    rows = [
+        {"tier": tier, "recordings": part.get("recordings", part["tier"]).iloc[0], "method": method}
+        | dict(zip(part["metric"], part[method], strict=True))
+        for tier, part in table.groupby("tier", sort=False)
+        for method in methods
+        if part[method].notna().any()
+    ]
+    metrics = list(dict.fromkeys(table["metric"]))
+    rest = [metric for metric in metrics if metric not in BLIND_MAIN]
+    parts = [list(BLIND_MAIN), *(rest[at : at + BLIND_COLUMNS] for at in range(0, len(rest), BLIND_COLUMNS))]
+    method = make_text_column("Method", lambda row: row["method"].replace("_", " "))
+    return [
+        lay_out(
+            pd.DataFrame(rows),
+            [method, *map(_make_metric_column, part)],
+            label="tab:gap-blind" + (f"-{number}" if number else ""),
+            lead=f"The blind check of the diagnosis{': further metrics' if number else ''}.",
+            caption="Recordings whose answers were sealed before anything was predicted; brackets: Wilson's "
+            "95 % intervals.",
+            block=lambda row: row["recordings"],
+            compared=("tier",),
+        )
+        for number, part in enumerate(parts)
+    ]
+
+
+def _make_metric_column(metric: str) -> Column:
+    """The column of a metric, its heading broken at the space nearest to the middle."""
+    spaces = [at for at, letter in enumerate(metric) if letter == " "]
+    middle = min(spaces, key=lambda at: abs(at - len(metric) / 2), default=len(metric))
+    sign = 1.0 if metric.startswith(LOW_IS_BETTER) else -1.0
+
+    def read(row: Row) -> list[str]:
+        text = row.get(metric)
+        return re.findall(r"^[\d.]+|\[.*?\]", text) if isinstance(text, str) else []
+
+    def write(row: Row) -> Cell:
+        text, *interval = read(row) or [DASH]
+        return Cell(text, "".join(interval))
+
+    def rank(row: Row) -> float | None:
+        numbers = read(row)
+        return sign * float(numbers[0]) if numbers else None
+
+    is_ranked = metric.startswith((*LOW_IS_BETTER, *HIGH_IS_BETTER))
+    title, below = metric[:1].upper() + metric[1:middle], metric[middle:].strip()
+    return Column(title, write, below, rank=rank if is_ranked else None)

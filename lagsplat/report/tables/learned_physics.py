@@ -7,19 +7,30 @@ import pandas as pd
 
 from lagsplat.evaluate.aggregate import aggregate
 from lagsplat.report.common import table_rows
-from lagsplat.report.common.formatting import (
-    escape_latex,
-    format_cells,
-    format_digits,
-    format_grouped_table,
-    format_latex_number,
-    format_latex_table,
-    join_distinct,
+from lagsplat.report.common.formatting import format_interval, join_distinct
+from lagsplat.report.common.printed_table import (
+    DASH,
+    Cell,
+    Column,
+    PrintedTable,
+    Row,
+    lay_out,
+    make_count_column,
+    make_number_column,
+    make_text_column,
 )
 from lagsplat.report.common.published_values import RECORDING
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
+LINEARISED, AT_REST = ", linearised law", ", law at rest"
 TRUTH_CONTEXT = ("low", "high", "extrapolated", "encoded", "residual", "recording", "profile", "n_seeds")
+
+OF_INTERVALS = (
+    "Interval: over blocks of the training part, for laws fitted by likelihood; in italics where its ends "
+    "differ by a factor of two; e: extrapolated to a rest state that the recording hardly visits."
+)
+OF_REST = "Error: relative; of an equilibrium a share of the motion's rms."
+OF_MAP = "Map: residual of the map by which a latent is read in true coordinates, as such a share."
 
 MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
 LEARNED_MASS = "learned"
@@ -30,10 +41,6 @@ MASS_COLUMNS = (
     *("robot", "mass", "d", *MASS_SCORES, "margin", "margin_low", "margin_high", *INERTIA_MEASURES),
     *("ae_floor", "diverged", "recording", "profile", "n_seeds"),
 )
-MASS_SCALES = {
-    **{"mse_half_second": 1e3, "margin": 1e3, "frequency_error": 1e2, "latent_nrmse": 1.0},
-    **{"state_dependence": 1e2, "span": 1.0},
-}
 # Half-second error and frequency error of the two-segment arm; of the constant mass the first alone.
 PAPER_MASSES = {
     LEARNED_MASS: {"mse_half_second": 0.769e-3, "frequency_error": 0.057},
@@ -42,12 +49,14 @@ PAPER_MASSES = {
 }
 PAPER_ROBOT = "krauss_2seg"
 
-PHYSICAL_SCALES = {"frequency_error": 1e2, "latent_nrmse": 1.0, "image_ratio": 1.0, "ae_floor": 1e4}
-PHYSICAL_COLUMNS = ("system", "d", *PHYSICAL_SCALES, "diverged", "recording", "profile", "n_seeds")
+PHYSICAL_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
+PHYSICAL_COLUMNS = (
+    *("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds", "rollouts"),
+)
 
-RECIPE_SCALES = {"frequency_error": 1e2, "latent_nrmse": 1.0, "image_ratio": 1.0, "mse_half_second": 1e3}
+RECIPE_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "mse_half_second")
 RECIPE_COLUMNS = (
-    *("robot", "method", "d", *RECIPE_SCALES, "wall_s", "diverged", "rollouts"),
+    *("robot", "method", "d", *RECIPE_SCORES, "wall_s", "diverged", "rollouts"),
     *("recording", "profile", "n_seeds"),
 )
 
@@ -91,53 +100,67 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
     return frame.reindex(columns=[*TRUTH_COLUMNS, *TRUTH_CONTEXT, *spread])
 
 
-def format_truth_latex(table: pd.DataFrame, *, titles: Mapping[str, str]) -> str:
-    """Format the table of `build_truth_table` in LaTeX; ``titles`` gives the name of each system."""
+def lay_out_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_truth_table`: the linearised laws, then every quantity.
 
-    def format_row(row: Mapping[Any, Any]) -> str:
-        return format_cells(
-            escape_latex(str(row["quantity"])),
-            table_rows.format_score(row, "learned"),
-            format_known_range(row.get("low"), row.get("high"))
-            + (r"\textsuperscript{e}" if row.get("extrapolated") else ""),
-            *(table_rows.format_score(row, name) for name in ("truth", "encoded")),
-            *(table_rows.format_score(row, name, scale=100.0) for name in ("error", "residual")),
-        )
-
+    ``titles`` gives the name of each system.
+    """
+    is_law = table["quantity"].str.contains(LINEARISED)
     seeds = " or ".join(sorted(set(table["n_seeds"].astype(str))))
-    brackets = " Brackets: range over seeds." if "learned_low" in table else ""
-    return format_grouped_table(
-        table,
-        by="system",
-        titles=titles,
-        row=format_row,
-        head=[r"Quantity & Learned & 90\,\% interval & Truth & Encoded & Error (\%) & Map (\%) \\"],
-        alignment="lcccccc",
-        caption=(
-            "Learned physics of the simulated systems against their truth, which no training saw; profile "
-            f"{join_distinct(table['profile'])}; medians over seeds ({seeds}).{brackets} A free rollout is "
-            "compared with the true motion over the same frames, both measured by the same fit, which also "
-            "reads the encoded motion; the linearised law with the eigenvalues of the true equations. Errors "
-            "are relative; that of an equilibrium, and the residual of the map by which a latent is read in "
-            "true coordinates, are fractions of the motion's rms. Intervals come from blocks of the training "
-            "part, for laws fitted by likelihood; what is in italics the recording does not determine, and "
-            "what has an e is extrapolated to a rest state that it hardly visits, of which intervals know "
-            "nothing."
-        ),
-        label="tab:truth",
+    settings = (
+        f"Profile {join_distinct(table['profile'])}; medians over seeds ({seeds}), brackets: their range."
     )
+    columns = [
+        make_text_column("Quantity", _shorten_quantity),
+        make_number_column("learned", "Learned", digits=4),
+        Column("90 % interval", _write_known_range, note=OF_INTERVALS),
+        make_number_column("truth", "Truth", digits=4),
+        make_number_column("error", "Error", "(%)", scale=100.0, note=OF_REST),
+    ]
+    law = make_text_column("Quantity", lambda row: _shorten_quantity(row).replace(AT_REST, ""))
+    more = [
+        make_number_column(
+            "encoded", "Encoded", digits=4, note="Encoded: read from the encoded motion by the same fit."
+        ),
+        make_number_column("residual", "Map", "(%)", scale=100.0, note=OF_MAP),
+    ]
+    shared: dict[str, Any] = {"block": lambda row: table_rows.name_block(row, titles)}
+    return [
+        lay_out(
+            *(table[is_law] if is_law.any() else table, [law, *columns[1:]]),
+            label="tab:truth",
+            lead="Learned laws against the truth, which no training saw.",
+            caption=f"Linearised at rest, against the eigenvalues of the true equations. {settings}",
+            **shared,
+        ),
+        lay_out(
+            *(table, [*columns, *more]),
+            label="tab:truth-rest",
+            lead="Learned physics against the truth: every quantity.",
+            caption=f"Free rollouts are compared with the true motion over the same frames. {settings}",
+            **shared,
+        ),
+    ]
+
+
+def _shorten_quantity(row: Row) -> str:
+    """``decay rate of mode 2, linearised law [1/s]`` as ``decay rate 2, law at rest [1/s]``."""
+    text = row["quantity"].replace(" of mode", "").replace(LINEARISED, AT_REST)
+    return str(text.replace("law under the mean", "law at mean"))
 
 
 UNDETERMINED = 2.0  # ratio of the ends of an interval, from which a number is not determined
 
 
-def format_known_range(low: float | None, high: float | None) -> str:
-    """Format an interval; in italics where its ends differ by a factor of two, a dash where there is none."""
+def _write_known_range(row: Row) -> Cell:
+    """An interval; in italics where its ends differ by a factor of two, a dash where there is none."""
+    low, high = row.get("low"), row.get("high")
     if low is None or high is None or pd.isna(low) or pd.isna(high):
-        return "--"
-    text = f"{format_digits(low)} to {format_digits(high)}"
-    positive = low >= 0.0 and high > 0.0
-    return rf"\emph{{{text}}}" if positive and high > UNDETERMINED * low else text
+        return Cell(DASH)
+    _, lower, upper = format_interval(low, low, high)
+    undetermined = low >= 0.0 and high > 0.0 and high > UNDETERMINED * low
+    mark = "e" if row.get("extrapolated") is True else ""
+    return Cell(f"{lower} to {upper}", mark=mark, italic=undetermined)
 
 
 def build_mass_rows(
@@ -168,79 +191,119 @@ def build_mass_rows(
     return rows
 
 
-def format_mass_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the rows of `build_mass_rows` in LaTeX; ``titles`` gives the heading of each robot's block.
+def build_mass_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Build the table of the rows of `build_mass_rows`: `MASS_COLUMNS`, then the spread of each score."""
+    return _build_scores_table(rows, MASS_COLUMNS, MASS_SCORES)
+
+
+def build_recipes_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Build the table of rows of `build_rows` that differ in the settings of both stages."""
+    return _build_scores_table(rows, RECIPE_COLUMNS, RECIPE_SCORES)
+
+
+def _build_scores_table(
+    rows: Sequence[Mapping[str, Any]], columns: Sequence[str], scores: Sequence[str]
+) -> pd.DataFrame:
+    frame = pd.DataFrame(list(rows), dtype=object)
+    return frame.reindex(columns=[*columns, *table_rows.list_spread_columns(frame, scores)])
+
+
+def lay_out_mass(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_mass_table`: scores, then matrices; ``titles`` names each robot.
 
     Source: paper, "Decoder-induced inertia".
     """
-
-    def format_row(row: Mapping[Any, Any]) -> str:
-        median, largest = (format_latex_number(row[name]) for name in ("condition_median", "condition_max"))
-        return format_cells(
-            escape_latex(str(row["mass"])),
-            *table_rows.format_scores(row, MASS_SCALES),
-            "--" if median == "--" else f"{median} ({largest})",
-            escape_latex(str(row["recording"])),
-        )
-
-    ours = [row for row in rows if "n_seeds" in row]
-    return format_grouped_table(
-        pd.DataFrame(list(rows), dtype=object),
-        by="robot",
-        titles=titles,
-        row=format_row,
-        head=[
-            r"Mass & MSE 0.5\,s & Gain & $\varepsilon_{\mathrm{freq}}$ & NRMSE & State & Span & Condition & "
-            r"Recording \\",
-            r" & $(10^{-3})$ & $(10^{-3})$ & (\%) & latent & (\%) & & median (max) & \\",
-        ],
-        alignment="lccccccll",
-        caption=(
-            "Forms of the mass over one frozen autoencoder, held-out part of the "
-            f"{join_distinct(row['recording'] for row in ours)} recording, profile "
-            f"{join_distinct(row['profile'] for row in ours)}. Gain: how much lower the half-second error is "
-            "than with the constant mass on the same starts, with its 95 % interval over them. State: rms "
-            "deviation of the mass matrix from its mean along the trajectory, as a fraction of its rms; "
-            "span: its largest over its smallest eigenvalue there, relative to the mean. Rows marked as the "
-            "paper's are its own numbers, measured on its film."
-        ),
-        label="tab:mass",
+    mass = make_text_column("Mass", lambda row: row["mass"].removesuffix(" (paper)"))
+    gain = make_number_column(
+        *("margin", "Gain", "(10⁻³)"),
+        scale=1e3,
+        note="Gain: how much lower the error over 0.5 s is than with the constant mass on the same starts, "
+        "with its 95 % interval over them.",
     )
-
-
-def format_recipes_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format rows of `build_rows` that differ in the settings of both stages, system by system, in LaTeX."""
-
-    def format_row(row: Mapping[Any, Any]) -> str:
-        name = str(row["method"]).removeprefix("LaGSplat").strip(" ()") or "default"
-        return format_cells(
-            escape_latex(name),
-            *table_rows.format_scores(row, RECIPE_SCALES),
-            table_rows.format_score(row, "wall_s", scale=1.0 / 60.0),
-            table_rows.format_diverged(row),
-        )
-
-    frame = pd.DataFrame(list(rows), dtype=object)
-    return format_grouped_table(
-        frame,
-        by="robot",
-        titles=titles,
-        row=format_row,
-        head=[
-            r"Settings & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
-            r"MSE 0.5\,s & Time & Diverged \\",
-            r" & (\%) & & $(\times\,\varepsilon_{\mathrm{AE}})$ & $(10^{-3})$ & (min) & rollouts \\",
-        ],
-        alignment="lcccccc",
-        caption=(
-            "Settings of stage 1 and stage 2 over the same recordings: one name is that of stage 2 with "
-            "the default image model, two are those of both stages; paper: the paper's values, upstream: "
-            f"those of its published code. {join_distinct(frame['recording']).capitalize()} recordings, "
-            f"profile {join_distinct(frame['profile'])}; scores as in the table of free rollouts, medians "
-            "over seeds. Time is that of both stages."
+    matrices = [
+        make_number_column(
+            *("state_dependence", "State", "dependence (%)"),
+            scale=100.0,
+            least=0.01,
+            note="State dependence: rms deviation of the matrix from its mean, as a share of its rms.",
         ),
-        label="tab:recipes",
-    )
+        make_number_column(
+            "span", "Span", note="Span: largest over smallest eigenvalue relative to the mean."
+        ),
+        make_number_column("condition_median", "median", over="Condition number"),
+        make_number_column("condition_max", "largest", over="Condition number"),
+        make_number_column(
+            *("ae_floor", "AE floor", "(10⁻⁵)"), scale=1e5, note="AE floor: image error of the autoencoder."
+        ),
+    ]
+    shared: dict[str, Any] = {
+        "block": lambda row: table_rows.name_block(row, titles, key="robot"),
+        "compared": ("robot", "recording"),
+        "caption": f"Held-out part of each recording. {table_rows.describe_runs(table)}",
+    }
+    return [
+        lay_out(
+            *(table, [mass, _make_error_column(), gain, *_make_rollout_columns()]),
+            label="tab:mass",
+            lead="Forms of the mass over one frozen autoencoder.",
+            notes=["The paper's numbers are of its own film."],
+            **shared,
+        ),
+        lay_out(
+            *(table[table["recording"] != RECORDING], [mass, *matrices]),
+            label="tab:mass-rest",
+            lead="Forms of the mass: the matrices along the trajectory.",
+            **shared,
+        ),
+    ]
+
+
+def lay_out_recipes(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_recipes_table`; ``titles`` gives the name of each robot."""
+
+    def name_settings(row: Row) -> str:
+        return row["method"].removeprefix("LaGSplat").strip(" ()") or "default"
+
+    columns = [
+        make_text_column("Settings", name_settings),
+        *_make_rollout_columns(),
+        _make_ratio_column(),
+        _make_error_column(),
+        make_number_column("wall_s", "Time", "(min)", scale=1.0 / 60.0, digits=2),
+        table_rows.make_diverged_column(),
+    ]
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:recipes",
+            lead="Settings of both stages over the same recordings.",
+            caption=f"Scores as in the table of free rollouts. {table_rows.describe_runs(table)}",
+            block=lambda row: table_rows.name_block(row, titles, key="robot"),
+            compared=("robot", "recording"),
+            notes=[
+                "One name is that of stage 2 with the default image model, two are those of both "
+                "stages. Paper: "
+                "the paper's values; upstream: those of its published code. Time: of both stages."
+            ],
+        )
+    ]
+
+
+def _make_error_column() -> Column:
+    return make_number_column("mse_half_second", "MSE 0.5 s", "(10⁻³)", scale=1e3, best="lowest")
+
+
+def _make_ratio_column() -> Column:
+    note = "Image error: over two natural periods, over the autoencoder's static error (AE floor)."
+    return make_number_column("image_ratio", "Image error", "/ AE floor", note=note)
+
+
+def _make_rollout_columns() -> list[Column]:
+    return [
+        make_number_column("frequency_error", "Frequency", "error (%)", scale=1e2, best="lowest"),
+        make_number_column("latent_nrmse", "Latent", "NRMSE (%)", scale=1e2, best="lowest"),
+    ]
 
 
 def build_physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
@@ -255,44 +318,40 @@ def build_physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     frame = table_rows.merge_with_published(rows).rename(columns={"robot": "system"})
     several = {row["method"] for row in rows} - {"LaGSplat"}
     frame["dynamics"] = [_name_dynamics(row) for row in frame.to_dict("records")]
-    spread = table_rows.list_spread_columns(frame, list(PHYSICAL_SCALES))
+    spread = table_rows.list_spread_columns(frame, PHYSICAL_SCORES)
     return frame.reindex(columns=[*PHYSICAL_COLUMNS, *(["dynamics"] if several else []), *spread])
 
 
-def format_physical_latex(rows: Sequence[Mapping[str, Any]], *, titles: Mapping[str, str]) -> str:
-    """Format the rows of `build_physical_table` in LaTeX; ``titles`` gives the name of each system.
+def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_physical_table`; ``titles`` gives the name of each system.
 
     Source: paper, Table "Free rollouts".
     """
-    body = []
-    for system, block in table_rows.merge_with_published(rows).groupby("robot", sort=False):
-        body.append(r"\midrule")
-        for index, row in enumerate(block.to_dict("records")):
-            dynamics = rf"\quad {escape_latex(_name_dynamics(row))}"
-            name = dynamics if index else escape_latex(titles.get(str(system), str(system)))
-            scores = table_rows.format_scores(row, PHYSICAL_SCALES)
-            diverged, recording = table_rows.format_diverged(row), escape_latex(str(row["recording"]))
-            body.append(format_cells(name, str(row["d"]), *scores, diverged, recording))
-    recordings = join_distinct(row["recording"] for row in rows).capitalize()
-    described = table_rows.describe_runs(rows)
-    return format_latex_table(
-        head=[
-            r"System & $d$ & $\varepsilon_{\mathrm{freq}}$ & $\varepsilon_{q}$ & $\varepsilon_{I}$ & "
-            r"$\varepsilon_{\mathrm{AE}}$ & Diverged & Recording \\",
-            r" & & (\%) & & $(\times\,\varepsilon_{\mathrm{AE}})$ & $(10^{-4})$ & rollouts & \\",
-        ],
-        body=body,
-        alignment="lccccccl",
-        caption=(
-            "Free rollouts on the held-out part: error of the free frequency, of the latent state and of the "
-            "image over two natural periods, the image's as a multiple of the static error of the "
-            f"autoencoder. {recordings} recordings, {described} A rollout that "
-            "diverges stays in every mean, scored no better than the mean prediction, and is counted over "
-            "all scores of the run. The paper's own numbers were measured on its filmed recordings, and are "
-            "not comparable with a simulated one."
-        ),
-        label="tab:physical",
-    )
+
+    def name_system(row: Row) -> str:
+        title, dynamics = titles.get(row["system"], row["system"]), row.get("dynamics")
+        named = isinstance(dynamics, str) and row["recording"] != RECORDING
+        return f"{title}, {dynamics}" if named else title
+
+    columns = [
+        make_text_column("System", name_system, wrap_em=12),
+        make_count_column("d", "Dim."),
+        *_make_rollout_columns(),
+        _make_ratio_column(),
+        make_number_column("ae_floor", "AE floor", "(10⁻⁴)", scale=1e4),
+        table_rows.make_diverged_column(),
+    ]
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:physical",
+            lead="Free rollouts over two natural periods of the held-out part.",
+            caption=table_rows.describe_runs(table),
+            block=lambda row: f"{row['recording'][:1].upper()}{row['recording'][1:]}",
+            notes=["Films and simulations are different recordings and cannot be compared."],
+        )
+    ]
 
 
 def _name_dynamics(row: Mapping[Any, Any]) -> str:

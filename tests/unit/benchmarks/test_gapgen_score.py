@@ -114,7 +114,6 @@ def test_who_knows_everything_scores_everything(tmp_path: Path, answers: list[di
         "calibration.png",
         "risk_coverage.pdf",
         "table.csv",
-        "table.tex",
         "per_item.jsonl",
     ):
         assert (tmp_path / "out" / name).stat().st_size > 0

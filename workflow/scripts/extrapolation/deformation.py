@@ -1,11 +1,10 @@
 """Compare two decoders at an equal number of primitives."""
 
 from lagsplat.evaluate.velocity_field import load_maps
-from lagsplat.io.files.atomic import write_text
 from lagsplat.planning.job import Job
-from lagsplat.report.tables.deformation import build_deformation_table, format_deformation_latex
+from lagsplat.report.common.printed_table import write_tables
+from lagsplat.report.tables.deformation import build_deformation_table, lay_out_deformation
 
 with Job(snakemake) as job:
     table = build_deformation_table(job.params.runs, [load_maps(path)[1] for path in job.input.maps])
-    write_text(job.output.csv, table.to_csv(index=False))
-    write_text(job.output.tex, format_deformation_latex(table, titles=job.params.titles))
+    write_tables(job.output, table, lay_out_deformation(table, titles=job.params.titles))

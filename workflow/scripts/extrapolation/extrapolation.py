@@ -1,11 +1,12 @@
 """Compare the models past their training frames in one table."""
 
-from lagsplat.io.files.atomic import load_json, write_text
+from lagsplat.io.files.atomic import load_json
 from lagsplat.planning.job import Job
+from lagsplat.report.common.printed_table import write_tables
 from lagsplat.report.tables.extrapolation import (
     build_extrapolation_table,
-    format_extrapolation_latex,
     group_models,
+    lay_out_extrapolation,
 )
 
 with Job(snakemake) as job:
@@ -13,5 +14,4 @@ with Job(snakemake) as job:
     found = [load_json(path) for path in [*job.input.runs, *(path for own in kinds.values() for path in own)]]
     others = sorted(job.params.others, key=lambda run: list(kinds).index(run["kind"]))
     table = build_extrapolation_table(group_models(job.params.runs, others, found))
-    write_text(job.output.csv, table.to_csv(index=False))
-    write_text(job.output.tex, format_extrapolation_latex(table, titles=job.params.titles))
+    write_tables(job.output, table, lay_out_extrapolation(table, titles=job.params.titles))

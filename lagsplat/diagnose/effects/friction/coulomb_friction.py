@@ -32,6 +32,6 @@ EFFECT = ForceEffect(
     title="dry friction",
     what="A rubbing contact resists with the same force at every speed, however slow.",
     symptom="Swings shrink by the same amount each time, and it stops short of its rest position.",
-    remedy="Add dry friction to the simulation, or look after the bearings and seals.",
+    remedy="Add Coulomb friction to the simulation, or look after the bearings and seals.",
     short_title="Coulomb friction",
 )

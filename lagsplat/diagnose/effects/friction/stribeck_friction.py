@@ -44,6 +44,6 @@ EFFECT = ForceEffect(
     title="dry friction that sticks",
     what="A rubbing contact holds harder at rest than it resists while sliding.",
     symptom="Slow motion goes in jerks: it sticks, breaks loose and slips.",
-    remedy="Add friction that falls with speed to the simulation, or lubricate.",
+    remedy="Add Stribeck friction to the simulation, or lubricate.",
     short_title="Stribeck friction",
 )

@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 
 import pytest
 
+from lagsplat.diagnose.core.result import Interval
+from lagsplat.report.common.formatting import format_percent
 from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.report.diagnosis.html import render_report
 from lagsplat.report.diagnosis.summary import write_summary
@@ -85,28 +87,68 @@ def test_the_page_is_whole_in_itself(full):
         assert "http" not in rest
 
 
-def test_the_first_paragraph_is_the_verdict_in_words(full):
-    said = Page(full).paragraphs[0].replace("\N{NO-BREAK SPACE}", " ")
-    assert said == write_summary(KINDS["single"]).replace("\N{NO-BREAK SPACE}", " ")
+def plain(text):
+    bare = re.sub(r"<style>.*?</style>|<[^>]+>", " ", text, flags=re.DOTALL)
+    return bare.replace("\N{NO-BREAK SPACE}", " ")
 
 
-def test_checks_come_first(full):
-    places = [
-        full.index(part)
-        for part in (
-            "the data</h2>",
-            "Shown well",
-            "What was found",
-            "What it rests on",
-            "All candidates",
-            "effect by effect</h2>",
-            "How to reproduce this</h2>",
-        )
-    ]
+def test_the_page_has_the_verdict_in_words(full):
+    said = [paragraph.replace("\N{NO-BREAK SPACE}", " ") for paragraph in Page(full).paragraphs]
+    assert write_summary(KINDS["single"]).replace("\N{NO-BREAK SPACE}", " ") in said
+
+
+def test_the_answer_comes_first_and_details_are_folded(full):
+    parts = ("<h1>Coulomb friction at q1</h1>", "Probability 0.99", *QUESTIONS, 'id="waterfall"')
+    parts += ("What it rests on", 'id="rollouts"', "<details>", "Checks of the data", "All candidates")
+    places = [full.index(part) for part in (*parts, "How to reproduce this</h2>")]
     assert places == sorted(places)
-    assert "Record this next" not in full
-    undecided = render_report(KINDS["undecided"], ReportContent())
-    assert undecided.index("What was found") < undecided.index("Record this next")
+    folded = full[full.index("<details>") :]
+    assert folded.count("<details>") == 6
+    assert "<section" not in folded
+    assert "Record next" not in full
+    undecided = page_of("undecided")
+    assert undecided.index("Do now") < undecided.index("Record next") < undecided.index("What it rests on")
+
+
+QUESTIONS = tuple(f"<dt>{question}</dt>" for question in ("Size", "Gap", "Where", "Shrinks", "Do now"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "does"),
+    [
+        ("single", "Add Coulomb friction to the simulation, or look after the bearings and seals."),
+        ("none", "Keep the simulation as it is."),
+        ("unknown", "before anything is added; then, record a decay down to rest, or slow reversals."),
+        ("undetermined", "Add nothing yet, and record a decay down to rest, or slow reversals."),
+        ("class", "To tell them apart, record a tenth of the samples slower than the Stribeck velocity."),
+    ],
+)
+def test_every_verdict_says_what_to_do_now(kind, does, undrawn):
+    assert does in " ".join(plain(page_of(kind)).partition("Do now")[2].split())
+
+
+def test_errors_stand_on_one_scale_and_no_share_closes_more_than_all(undrawn):
+    made = KINDS["single"]
+    closed = replace(made.candidates[0], closure=Interval(1.02, 0.9, 1.1))
+    text = plain(render_report(replace(made, candidates=(closed, *made.candidates[1:])), ReportContent()))
+    gap = made.gap
+    for share, end in ((1.02, " ["), (1.1, ","), (0.9, "]")):
+        assert f"{format_percent(gap.before - share * (gap.before - gap.floor))}{end}" in text
+    assert not re.search(r"\b10[1-9] %|closes \d", text)
+
+
+def test_what_was_not_fitted_says_so(undrawn):
+    made = KINDS["single"]
+    bare = replace(made.candidates[-1], name="creep", misfit=None, closure=None, probability=0.001)
+    page = render_report(replace(made, candidates=(*made.candidates, bare)), ReportContent())
+    assert page.count('<td colspan="4">not fitted</td>') == 1
+
+
+def test_no_more_than_three_recordings_are_asked_for(undrawn):
+    planned = made_diagnoses.planned()
+    many = replace(planned, suggestions=planned.suggestions * 3)
+    page = render_report(replace(KINDS["class"], next_experiments=many), ReportContent())
+    assert page[page.index("Record next") : page.index("What it rests on")].count("<li>") == 3
 
 
 def test_everything_is_told(full):
@@ -185,7 +227,7 @@ def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data(undrawn):
     made = KINDS["single"]
     fitted = {"misfit_none": 75.0, "answers": {"half the noise": "coulomb_friction"}}
     page = render_report(replace(made, checks={**made.checks, **fitted}), made_content.exhibits())
-    beginning, end = page.split("<h2>All candidates</h2>", 1)
+    beginning, end = page.split("<h2>How to reproduce this</h2>", 1)
     assert "misfit none" not in beginning
     assert "<td>misfit none</td><td>75</td>" in end
     assert "half the noise: coulomb_friction" in end
@@ -194,16 +236,16 @@ def test_numbers_of_the_fits_stand_at_the_end_and_not_among_the_data(undrawn):
 def test_the_page_says_what_to_do_next_and_which_file_disagrees(undrawn):
     files, planned = made_diagnoses.several_files(), made_diagnoses.planned()
     text = render_report(replace(KINDS["single"], files=files, next_experiments=planned), ReportContent())
-    assert "What next: Coulomb friction (q1) or viscous damping (q1)?" in text
+    assert "Record next: Coulomb friction (q1) or viscous damping (q1)?" in text
     assert "Record a chirp of torque, for 12 s." in text
     assert text.count("next_experiment_1.csv") == 2  # in the summary and in the list
     assert "next_experiment_2.csv" not in text
     assert files[2].disagrees in text
     Page(text)
     nothing = replace(planned, suggestions=(), reason="No experiment separates them")
-    assert "No experiment separates them." in render_report(
-        replace(KINDS["single"], next_experiments=nothing), ReportContent()
-    )
+    without = render_report(replace(KINDS["single"], next_experiments=nothing), ReportContent())
+    assert "No experiment separates them." in without
+    assert "Record next" not in without
 
 
 def test_one_file_has_no_table_of_files():

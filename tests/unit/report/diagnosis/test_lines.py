@@ -28,15 +28,15 @@ def test_every_verdict_has_the_five_lines_in_their_order(kind: str) -> None:
 def test_an_effect_is_named_with_its_probability_and_what_it_closes() -> None:
     found = write("single")
     assert found["verdict"] == "Coulomb friction at q1 (probability 0.99)"
-    assert found["gap"] == "forecasts over 1.2 s miss by 13 % of the motion; noise alone 3.5 %"
+    assert found["gap"] == "forecasts over 1.2 s miss by 13 % of the motion; floor 3.5 %, by noise"
     assert found["where"].startswith("in the motion itself, mostly q1; most like a loss of energy")
     assert found["shrinks"].startswith("to 3.9 % with Coulomb friction at q1; to 11 %")
-    assert found["next"].startswith("Add dry friction")
+    assert found["next"].startswith("Add Coulomb friction")
 
 
 def test_nothing_is_advised_of_a_cause_that_is_undecided() -> None:
     assert not write("undecided")["next"].startswith("Add")
-    assert write("undecided")["next"].startswith("to know more of ")
+    assert write("undecided")["next"].startswith("To tell them apart, record ")
 
 
 def test_without_an_effect_nothing_is_added() -> None:

@@ -1,21 +1,17 @@
-"""The benchmark: columns, caption, LaTeX that compiles, baselines, and margins over constant dynamics."""
-
-import re
-import shutil
-import subprocess
+"""The benchmark: columns, caption, printed rows, baselines, and margins over constant dynamics."""
 
 import numpy as np
 import pytest
 
-from lagsplat.report.common.formatting import format_digits
-from lagsplat.report.common.table_rows import build_row, build_rows
+from lagsplat.report.common.printed_table import format_latex
+from lagsplat.report.common.table_rows import build_rows
 from lagsplat.report.tables.benchmark import (
     BENCHMARK_COLUMNS,
     MARGIN_COLUMNS,
     build_benchmark_rows,
     build_benchmark_table,
     build_margin_table,
-    format_benchmark_latex,
+    lay_out_benchmark,
 )
 
 SPREAD = "median and range over seeds"
@@ -95,41 +91,37 @@ def test_rows_group_seeds_and_stand_beside_the_paper(rows):
     assert frame["recording"].iloc[[1, 7]].tolist() == ["simulated", "simulated"]
 
 
-def test_unmeasured_is_empty_in_csv_and_a_dash_in_latex(rows):
+def printed(rows: list[dict], *, part: int = 0, **titles: str) -> str:
+    return format_latex(lay_out_benchmark(build_benchmark_table(rows), titles=titles)[part])
+
+
+def test_unmeasured_is_empty_in_csv_and_a_dash_in_print(rows):
     assert build_benchmark_table(rows)["frequency_error"].iloc[7] is None
-    line = next(
-        line
-        for line in format_benchmark_latex(rows, titles={}).splitlines()
-        if line.startswith("LaGSplat & non") and " 2 " in line
-    )
+    line = next(line for line in printed(rows).splitlines() if line.startswith("LaGSplat & 2 "))
     assert " -- " in line
+    assert printed(rows).count("A dash: not measured") == 1
 
 
-def test_caption_says_recording_profile_and_spread(rows):
-    caption = re.search(r"\\caption\{(.*)\}", format_benchmark_latex(rows, titles={})).group(1)
-    for part in ("simulated recording", "profile quick", SPREAD, "95\\% interval".replace("\\%", " \\%")):
+def test_caption_says_profile_and_spread_and_blocks_the_recording(rows):
+    text = printed(rows, krauss_2seg="two segments & co_1")
+    caption = next(line for line in text.splitlines() if line.startswith(r"\caption"))
+    for part in (r"\textbf{Forecasts", "Profile quick", "ranges over 3 seeds", r"95 \% intervals"):
         assert part in caption
+    assert r"\emph{Two segments \& co\_1 (simulated)}" in text
+    assert r"\emph{Two segments \& co\_1 (filmed, the paper's)}" in text
 
 
-def test_latex_is_balanced_and_every_line_has_fourteen_cells(rows):
-    text = format_benchmark_latex(rows, titles={"krauss_2seg": "Two segments & co_1"})
-    assert r"\emph{Two segments \& co\_1}" in text
-    assert text.count(r"\begin{") == text.count(r"\end{")
-    plain = re.sub(r"\\[{}]", "", text)
-    assert plain.count("{") == plain.count("}")
-    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert all(len(re.findall(r"(?<!\\)&", line)) == 13 for line in lines)
-    assert not re.search(r"(?<!\\)_(?![{\\])", re.sub(r"\$[^$]*\$|\\label\{.*\}", "", text))
+def test_a_file_that_a_user_gave_is_named_with_its_block():
+    filmed = build_rows([names(0, recording="filmed")], [run(0, origin="filmed")])
+    assert r"(filmed arm\_2)" in printed(filmed)
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
-@pytest.mark.parametrize("preamble", ["", r"\usepackage{booktabs}"])
-def test_latex_compiles_in_a_plain_article(rows, tmp_path, preamble):
-    (tmp_path / "table.tex").write_text(format_benchmark_latex(rows, titles={}))
-    document = rf"\documentclass{{article}}{preamble}\begin{{document}}\input{{table}}\end{{document}}"
-    (tmp_path / "paper.tex").write_text(document)
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+def test_the_best_is_bold_among_rows_of_one_recording_only(rows):
+    lines = [line for line in printed(rows).splitlines() if r"\textbf{" in line and "&" in line]
+    assert [line.split(" &")[0] for line in lines] == [
+        r"LaGSplat (constant\_mass)",
+        *("LaGSplat", "Osc. + deconv", "Koopman + ABCD"),  # of the paper: the first arm, then the other
+    ]
 
 
 def test_a_row_cannot_be_labelled_with_another_recording():
@@ -143,19 +135,6 @@ def test_toy_rows_need_no_paper(rows):
     frame = build_benchmark_table(build_rows([names(0, system="toy")], [run(0)]))
     assert len(frame) == 1
     assert np.isclose(frame["mse_half_second_low"].iloc[0], 3.8e-4)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.44, "0.44"), (12.345, "12.3"), (1234.5, "1234"), (0.00001234, "0.000012"), (0.0, "0")],
-)
-def test_digits_are_plain(value, text):
-    assert format_digits(value) == text
-
-
-def test_table_row_carries_what_the_caption_needs(rows):
-    assert {"rollouts", "spread"} <= set(rows[0])
-    assert callable(build_row)
 
 
 def scored(mse: float, *, seed: int = 0, starts: int = 50, **scores: object) -> dict:
@@ -198,13 +177,12 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
         "LaGSplat (paper)",
         *(f"{law} + {decoder} (paper)" for law in ("Osc.", "Koopman") for decoder in ("deconv", "ABCD")),
     ]
-    line = next(
-        line
-        for line in format_benchmark_latex(rows, titles={}).splitlines()
-        if line.startswith("Osc. + ABCD &")
+    line, rest = (
+        next(line for line in printed(rows, part=part).splitlines() if line.startswith("Osc. + ABCD &"))
+        for part in (0, 1)
     )
-    assert "& 1000 & simulated" in line
-    assert r"\,{\scriptstyle[" in line
+    assert r"\,{\scriptsize [" in line
+    assert rest.endswith(r"& 1000 \\")
 
 
 def test_without_ours_there_is_no_gain():

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.equilibrium import draw_equilibrium
 from lagsplat.report.tables.deformation import (
     build_deformation_table,
     draw_jacobian_field,
-    format_deformation_latex,
+    lay_out_deformation,
 )
 from lagsplat.report.tables.extrapolation import (
     AUTHORS,
@@ -16,8 +17,8 @@ from lagsplat.report.tables.extrapolation import (
     FREE,
     OURS,
     build_extrapolation_table,
-    format_extrapolation_latex,
     group_models,
+    lay_out_extrapolation,
 )
 
 RUN = {
@@ -107,17 +108,21 @@ def test_medians_ranges_and_what_is_missing_stand_in_the_rows(models) -> None:
     assert table.loc[(FREE, "energy_left"), "value"] < 1.0
 
 
+def printed(models, **titles: str) -> str:
+    tables = lay_out_extrapolation(build_extrapolation_table(models), titles=titles)
+    return "".join(format_latex(table) for table in tables)
+
+
 def test_the_latex_has_dashes_with_reasons_and_no_number_that_was_not_measured(models) -> None:
-    text = format_extrapolation_latex(
-        build_extrapolation_table(models), titles={"rainbow_rocker": "rainbow rocker"}
-    )
-    assert r"--$^{1}$" in text
-    assert "The authors' code needs CUDA and was not run" in text
+    text = printed(models, rainbow_rocker="rainbow rocker")
+    assert r"\textsuperscript{1}" in text
+    assert "needs CUDA and was not run" in text
     assert "In 2 of 3 seeds: the rollout diverged." in text
-    assert "rainbow rocker" in text
+    assert "Rainbow rocker (simulated)" in text
+    assert "Rainbow rocker (filmed, the paper's)" in text
     with_authors = group_models([RUN], [other("authors", "default", 0)], [found(), found(reason="too dark")])
     assert with_authors[1].model == AUTHORS
-    text = format_extrapolation_latex(build_extrapolation_table(with_authors), titles={})
+    text = printed(with_authors)
     assert "was not run" not in text
     assert "In 0 of 1 seeds: too dark." in text
 
@@ -149,7 +154,7 @@ def test_decoders_stand_beside_the_papers(tmp_path) -> None:
     table = build_deformation_table([RUN], [decoders()])
     assert list(table["decoder"]) == ["conditioned", "deformed"] * 2
     assert table["roughness"].tolist()[2:] == [1.4, 6.9]
-    text = format_deformation_latex(table, titles={"rainbow_rocker": "rainbow rocker"})
+    text = format_latex(lay_out_deformation(table, titles={"rainbow_rocker": "rainbow rocker"})[0])
     assert "filmed, the paper's" in text
     assert "40 Gaussians" in text
     picture, speed = np.full((3, 8, 12), 0.5, np.float32), np.eye(8, 12, dtype=np.float32)

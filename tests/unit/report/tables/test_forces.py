@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.common.table_rows import build_table
 from lagsplat.report.figures.forces import draw_force_map
 from lagsplat.report.tables.forces import (
@@ -11,9 +12,8 @@ from lagsplat.report.tables.forces import (
     INVARIANT_COLUMNS,
     build_force_rows,
     build_invariant_rows,
-    format_force_latex,
-    format_invariant_latex,
-    format_order_of_magnitude,
+    lay_out_forces,
+    lay_out_invariants,
 )
 
 RUN = {
@@ -51,15 +51,19 @@ TRUTH = {
 }
 
 
+def printed_invariants(rows: list[dict], **titles: str) -> str:
+    return format_latex(lay_out_invariants(build_table(rows, INVARIANT_COLUMNS), titles=titles)[0])
+
+
 def test_the_paper_s_values_stand_beside_ours_and_say_so() -> None:
     rows = build_invariant_rows([RUN], [{"invariants": INVARIANTS}])
     assert [row["method"] for row in rows] == ["ours", "paper"]
     frame = build_table(rows, INVARIANT_COLUMNS)
     assert frame["ratio"].tolist() == [500.0, 70.0]
     assert frame["n_seeds"].tolist()[0] == 1
-    tex = format_invariant_latex(rows, titles={"rainbow_rocker": "rocker"})
-    assert "paper" in tex
-    assert "simulated" in tex
+    tex = printed_invariants(rows, rainbow_rocker="rocker")
+    assert r"\emph{Filmed, the paper's}" in tex
+    assert r"\emph{Simulated}" in tex
     other = build_invariant_rows([{**RUN, "system": "toy"}], [{"invariants": {**INVARIANTS, "lever": None}}])
     assert [row["method"] for row in other] == ["ours"]
     assert math.isnan(build_table(other, INVARIANT_COLUMNS).astype({"left": float})["left"][0])
@@ -70,13 +74,13 @@ def test_a_run_in_space_has_a_row_of_what_is_felt_across() -> None:
     rows = build_invariant_rows([RUN], [{"invariants": INVARIANTS}], solid=solid)
     assert [row["method"] for row in rows] == ["ours", "paper", "ours, in space"]
     assert rows[-1]["across"] == 7e-19
-    assert r"$7\cdot 10^{-19}$" in format_invariant_latex(rows, titles={"rocker_3d": "rocker in space"})
+    assert r"7$\cdot$10$^{-19}$" in printed_invariants(rows, rocker_3d="rocker in space")
 
 
 def test_a_background_that_never_answers_is_told_as_such() -> None:
     still = {**INVARIANTS, "background": {"largest": 0.0, "typical": 0.5, "ratio": None}}
     rows = build_invariant_rows([{**RUN, "system": "toy"}], [{"invariants": still}])
-    assert r"$\infty$" in format_invariant_latex(rows, titles={"toy": "toy"})
+    assert r"$\infty$ & " in printed_invariants(rows, toy="toy")
 
 
 def test_seeds_are_brought_together_by_their_median() -> None:
@@ -86,12 +90,6 @@ def test_seeds_are_brought_together_by_their_median() -> None:
     )
     assert rows[0]["ratio"] == 300.0
     assert rows[0]["n_seeds"] == 2
-
-
-def test_small_numbers_are_told_by_their_order() -> None:
-    assert format_order_of_magnitude(3.2e-17) == r"$3\cdot 10^{-17}$"
-    assert format_order_of_magnitude(0.0) == "$0$"
-    assert format_order_of_magnitude(None) == "--"
 
 
 def test_every_kind_of_answer_has_a_row() -> None:
@@ -107,14 +105,19 @@ def test_every_kind_of_answer_has_a_row() -> None:
     assert frame["scale_high"][0] == 1.2
     assert frame["error"][2] == 0.3
     assert frame["span"][3] == 30.0
-    tex = format_force_latex(rows, titles={"rainbow_rocker": "rocker"})
-    assert r"$2$ ($4$)" in tex
+    main, levels, masses = (format_latex(part) for part in lay_out_forces(frame, titles={}))
+    assert r"2.0\,{\scriptsize (4.0)}" in main
+    assert "0.90 to 1.20" in main
+    assert "level" not in main
+    assert "level 0.3 & 12" in levels
+    assert "span of energies, mass & -- & 30.0" in masses
 
 
 def test_a_law_that_answers_the_wrong_way_says_why() -> None:
     rows = build_force_rows([RUN], [{"truth": {"refused": "against the measured way"}}])
     assert [row["what"] for row in rows] == ["nothing measured"]
-    assert "against the measured way" in format_force_latex(rows, titles={})
+    (main, *_) = lay_out_forces(build_table(rows, ACCURACY_COLUMNS), titles={})
+    assert "against the measured way" in format_latex(main)
 
 
 def test_the_map_shows_three_errors_or_the_reason() -> None:

@@ -2,8 +2,17 @@
 
 import math
 
+import pandas as pd
+
+from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.diagnosis.serialization import build_diagnosis_content
-from lagsplat.report.tables.gap import GAP_COLUMNS, build_gap_rows, build_gap_table, format_gap_latex
+from lagsplat.report.tables.gap import (
+    GAP_COLUMNS,
+    build_gap_rows,
+    build_gap_table,
+    lay_out_blind,
+    lay_out_gap,
+)
 from tests.unit.report.diagnosis import made_diagnoses
 
 RUN = {"recording": "simulated", "profile": "quick", "stage2": "default", "seed": 0}
@@ -49,17 +58,30 @@ def test_numbers_are_those_of_the_diagnoses():
     assert last["closure"] is None
 
 
-def test_the_latex_says_what_was_planted_and_what_was_found():
-    text = format_gap_latex(rows(), titles={"arm": "An arm", "bag": "A bag"})
-    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "&" in line]
-    assert len(lines) == 2 + 4
+def test_the_print_says_what_was_planted_and_what_was_found():
+    (table,) = lay_out_gap(build_gap_table(rows()), titles={"arm": "An arm", "bag": "A bag"})
+    text = format_latex(table)
+    assert [title for title, _ in table.blocks] == ["An arm (simulated)", "A bag (filmed)"]
+    lines = [line for line in text.splitlines() if "raggedright" in line and "&" in line]
     planted = next(line for line in lines if "with Coulomb friction" in line)
     assert "Coulomb friction; input delay" in planted
     assert "nothing planted" in text
     assert "undetermined" in lines[-1]
     assert "0, 0 of 8" in planted
-    assert lines[-1].count("--") == 6  # chance, three sizes, what is closed and what diverged
-    assert "Filmed" in text or "filmed and simulated" in text
-    assert "second simulated recording" in text
-    alone = format_gap_latex(rows()[-1:], titles={})
-    assert "second simulated" not in alone
+    assert lines[-1].count("--") == 6  # chance, four sizes, and what diverged
+    assert "a second recording" in text
+    assert "a second recording" not in format_latex(lay_out_gap(build_gap_table(rows()[-1:]), titles={})[0])
+
+
+def test_the_blind_check_has_a_row_for_each_method_that_was_tried():
+    metrics = {"top-1, class": "0.96 [0.86, 0.99] n=49", "false alarms": "0.10 n=9", "Brier score": "0.162"}
+    frame = pd.DataFrame({"tier": "T0", "recordings": "T0: 9 films", "metric": list(metrics)})
+    frame["diagnosis"], frame["chance"], frame["other"] = metrics.values(), ["0.05", "0.00", None], None
+    main, rest = lay_out_blind(frame)
+    assert [title for title, _ in main.blocks] == ["T0: 9 films"]
+    cells = [[cell.text for cell in row] for row in main.blocks[0][1]]
+    assert cells == [["diagnosis", "0.96", "0.10"], ["chance", "0.05", "0.00"]]
+    assert main.blocks[0][1][0][1].small == "[0.86, 0.99]"
+    bold = [[cell.bold for cell in row] for row in main.blocks[0][1]]
+    assert bold == [[False, True, False], [False, False, True]]
+    assert [column.title for column in rest.columns] == ["Method", "Brier"]

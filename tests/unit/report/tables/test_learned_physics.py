@@ -1,11 +1,8 @@
 """Learned physics in tables: against the truth, by form of the mass, beside the paper's free rollouts."""
 
-import re
-import shutil
-import subprocess
-
 import pytest
 
+from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.common.published_values import SYSTEMS
 from lagsplat.report.common.table_rows import build_rows, build_table
 from lagsplat.report.tables.learned_physics import (
@@ -13,13 +10,14 @@ from lagsplat.report.tables.learned_physics import (
     PHYSICAL_COLUMNS,
     TRUTH_COLUMNS,
     build_mass_rows,
+    build_mass_table,
     build_physical_table,
+    build_recipes_table,
     build_truth_table,
-    format_known_range,
-    format_mass_latex,
-    format_physical_latex,
-    format_recipes_latex,
-    format_truth_latex,
+    lay_out_mass,
+    lay_out_physical,
+    lay_out_recipes,
+    lay_out_truth,
 )
 from tests.unit.report.tables.test_benchmark import names, run, scored
 
@@ -64,24 +62,26 @@ def test_other_dynamics_are_named():
     )
 
 
-def test_latex(table):
-    text = format_truth_latex(table, titles={"pendulum": "Pendulum"})
-    assert r"\emph{Pendulum}" in text
-    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert len(lines) == 5
-    assert all(len(re.findall(r"(?<!\\)&", line)) == 6 for line in lines)
-    assert r"$2.1\,{\scriptstyle[1.9,\,2.3]}$ & -- & $2$ & $2.01$ & $5$ & --" in lines[1]
-    assert "-- & -- & $2$ & $2.01$ & -- & --" in lines[3]
-    assert "Brackets: range over seeds" in text
+def test_print(table):
+    main, rest = (format_latex(part) for part in lay_out_truth(table, titles={"pendulum": "Pendulum"}))
+    assert main.count(r"\begin{table*}") == 1
+    lines = [line for line in rest.splitlines() if line.startswith(("frequency", "equilibrium"))]
+    assert r"\emph{Pendulum (simulated)}" in rest
+    assert len(lines) == 4
+    assert r"2.10\,{\scriptsize [1.90, 2.30]} & 2.000 & 5.00 & 2.010 & --" in lines[0]
+    assert "-- & 2.000 & -- & 2.010 & --" in lines[2]
+    assert "brackets: their range" in rest
 
 
-def test_extrapolated_intervals_are_marked():
+def test_intervals_are_marked_where_extrapolated_and_slanted_where_wide():
     metrics = measured(2.1)
     metrics["truth"]["rows"][0] |= {"low": 2.0, "high": 2.2, "extrapolated": True}
+    metrics["truth"]["rows"][1] |= {"low": 0.1, "high": 3.0, "extrapolated": False}
     table = build_truth_table([names(0, system="pendulum")], [metrics])
-    assert table["extrapolated"].tolist()[:2] == [True, None]
-    text = format_truth_latex(table, titles={"pendulum": "Pendulum"})
-    assert r"2 to 2.2\textsuperscript{e} &" in text
+    assert table["extrapolated"].tolist()[:2] == [True, False]
+    text = format_latex(lay_out_truth(table, titles={})[1])
+    assert r"2.00 to 2.20\textsuperscript{e} &" in text
+    assert r"\emph{0.1 to 3.0} &" in text
 
 
 def with_inertia(mse: float, seed: int, dependence: float) -> dict:
@@ -118,13 +118,13 @@ def test_each_form_has_a_row_and_its_gain(mass_rows):
     assert frame["mse_half_second"].iloc[3:].tolist() == [0.769e-3, 1.33e-3, 4.8e-3]
 
 
-def test_latex_has_nine_cells_a_line_and_says_whose_numbers(mass_rows):
-    text = format_mass_latex(mass_rows, titles={"krauss_2seg": "Two segments"})
-    lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert all(line.replace(r"\&", "").count("&") == 8 for line in lines)
-    assert "$2$ ($3$)" in text
-    assert "profile quick" in text
-    assert "filmed, the paper's" in text
+def test_scores_and_matrices_stand_apart(mass_rows):
+    main, matrices = lay_out_mass(build_mass_table(mass_rows), titles={"krauss_2seg": "Two segments"})
+    assert [len(rows) for _, rows in main.blocks] == [3, 3]
+    assert [len(rows) for _, rows in matrices.blocks] == [3]
+    assert "learned & 30.0 & 1.60 & 2.00 & 3.00" in format_latex(matrices)
+    assert "Profile quick" in main.caption
+    assert main.blocks[1][0] == "Two segments (filmed, the paper's)"
 
 
 def test_other_arms_have_no_paper_rows():
@@ -138,7 +138,7 @@ def rows() -> list[dict]:
     return build_rows(runs, [run(0, d=1), run(0), run(1, frequency_error=0.04), run(0, d=2)])
 
 
-def test_the_first_ten_columns_are_those_agreed(rows):
+def test_the_first_columns_are_those_agreed(rows):
     assert PHYSICAL_COLUMNS == (
         "system",
         "d",
@@ -150,6 +150,7 @@ def test_the_first_ten_columns_are_those_agreed(rows):
         "recording",
         "profile",
         "n_seeds",
+        "rollouts",
     )
     frame = build_physical_table(rows)
     assert tuple(frame.columns) == (*PHYSICAL_COLUMNS, "frequency_error_low", "frequency_error_high")
@@ -176,47 +177,26 @@ def test_the_paper_has_seven_systems_ordered_by_dimension():
     assert [values[0] for values in SYSTEMS.values()] == [1, 1, 1, 2, 2, 2, 4]
 
 
-def test_latex_says_units_and_whose_numbers(rows):
-    text = format_physical_latex(rows, titles={"pendulum": "Pendulum & co"})
-    ours, papers = (
-        line for line in text.splitlines() if re.match(r"Pendulum \\& co|\\quad nonl.*\$14\.5", line)
-    )
-    assert "$2$ & $0.19$ & $12.5$ & $0.41$ & 1/101 & simulated" in ours
-    assert (
-        r"\quad nonlinear (paper) & 1 & $3.4$ & $0.308$ & $14.5$ & $0.93$ & -- & filmed, the paper's"
-        in papers
-    )
-    lines = [line for line in text.splitlines() if line.endswith(r"\\")]
-    assert all(len(re.findall(r"(?<!\\)&", line)) == 7 for line in lines)
-
-
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex")
-def test_latex_compiles(rows, tmp_path):
-    (tmp_path / "table.tex").write_text(format_physical_latex(rows, titles={}))
-    document = r"\documentclass{article}\begin{document}\input{table}\end{document}"
-    (tmp_path / "paper.tex").write_text(document)
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-
-
-def test_a_range_is_in_italics_where_the_recording_does_not_determine_the_number():
-    assert format_known_range(4.3, 4.6) == "4.3 to 4.6"
-    assert format_known_range(2.0, 30.0) == r"\emph{2 to 30}"
-    assert format_known_range(-0.1, 0.2) == "-0.1 to 0.2"
-    assert format_known_range(None, 0.2) == "--"
+def test_every_recording_has_its_block(rows):
+    (table,) = lay_out_physical(build_physical_table(rows), titles={"pendulum": "Pendulum & co"})
+    assert [(title, len(lines)) for title, lines in table.blocks] == [
+        ("Simulated", 3),
+        ("Filmed, the paper's", 2),
+    ]
+    text = format_latex(table)
+    assert r"Pendulum \& co & 1 & 2.00 & 19.0 & 12.5 & 0.410 & 1/101" in text
+    assert r"Pendulum \& co & 1 & 3.40 & 30.8 & 14.5 & 0.930 & --" in text
 
 
 def test_recipes_stand_under_their_system_with_the_minutes_they_took():
     recipes = [("default", "default"), ("default", "networks"), ("paper", "paper")]
     runs = [{**names(0, system="pendulum", stage2=two), "stage1": one} for one, two in recipes]
     metrics = [{**run(0.1), "training": {"wall_s": 60.0 * k}} for k in (2, 3, 90)]
-    text = format_recipes_latex(build_rows(runs, metrics), titles={"pendulum": "Pendulum"})
-    lines = [line for line in text.splitlines() if line.strip().endswith(r"\\")]
-    assert [line.split("&")[0].replace(r"\quad", "").strip() for line in lines[-3:]] == [
-        "default",
-        "networks",
-        "paper, paper",
-    ]
-    assert [line.split("&")[5].strip(" $") for line in lines[-3:]] == ["2", "3", "90"]
-    assert all(line.count("&") == 6 for line in lines[-3:])
-    assert "Pendulum" in text
+    (table,) = lay_out_recipes(
+        build_recipes_table(build_rows(runs, metrics)), titles={"pendulum": "Pendulum"}
+    )
+    ((title, lines),) = table.blocks
+    assert title == "Pendulum (simulated)"
+    assert [line[0].text for line in lines] == ["default", "networks", "paper, paper"]
+    time = [column.title for column in table.columns].index("Time")
+    assert [line[time].text for line in lines] == ["2.0", "3.0", "90"]

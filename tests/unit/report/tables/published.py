@@ -1,0 +1,49 @@
+"""The published tables as the workflow wrote them, laid out for print."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pandas as pd
+import yaml
+
+from lagsplat.report.common.printed_table import PrintedTable
+from lagsplat.report.tables.benchmark import lay_out_benchmark
+from lagsplat.report.tables.deformation import lay_out_deformation
+from lagsplat.report.tables.extrapolation import lay_out_extrapolation
+from lagsplat.report.tables.forces import lay_out_forces, lay_out_invariants
+from lagsplat.report.tables.gap import lay_out_blind, lay_out_gap
+from lagsplat.report.tables.learned_physics import (
+    lay_out_mass,
+    lay_out_physical,
+    lay_out_recipes,
+    lay_out_truth,
+)
+
+ROOT = Path(__file__).resolve().parents[4]
+LAYOUTS: dict[str, Callable[..., list[PrintedTable]]] = {
+    "krauss": lay_out_benchmark,
+    "deformation": lay_out_deformation,
+    "extrapolation": lay_out_extrapolation,
+    "force_truth": lay_out_forces,
+    "force_invariants": lay_out_invariants,
+    "gap": lay_out_gap,
+    "gap_blind": lambda table, titles: lay_out_blind(table),
+    "mass": lay_out_mass,
+    "physical": lay_out_physical,
+    "recipes": lay_out_recipes,
+    "truth": lay_out_truth,
+}
+"""How each table is laid out, by the name of its file."""
+
+
+def read_titles() -> dict[str, str]:
+    """The names of the systems, as tables have them."""
+    files = (ROOT / "conf/system").glob("*.yaml")
+    return {path.stem: yaml.safe_load(path.read_text("utf-8"))["system"]["title"] for path in files}
+
+
+def list_published() -> Iterator[tuple[Path, list[PrintedTable]]]:
+    """Every published table of numbers that has a printed form."""
+    for path in sorted((ROOT / "results/published").rglob("*.csv")):
+        if path.stem in LAYOUTS:
+            yield path, LAYOUTS[path.stem](pd.read_csv(path), titles=read_titles())
