@@ -29,6 +29,7 @@ ROOMS = (
     "setting_checks",
     "project",
     "provenance",
+    "processes",
     "video_quality",
     "io.config",
     "io.files",

@@ -18,6 +18,7 @@ from lagsplat.array_types import Frames
 from lagsplat.baselines import static_camera
 from lagsplat.baselines.config import AuthorsConfig
 from lagsplat.io.video.image_sequence import read_predicted, write_dnerf
+from lagsplat.processes import ends_with_this_process
 
 
 def predict_frames(
@@ -133,7 +134,9 @@ def make_forecast_command(config: AuthorsConfig, *, model: Path, max_time: float
 def run_tool(command: Sequence[str], *, checkout: Path) -> None:
     """Run a command from the checkout; a failure is quoted with the last lines of the log."""
     log.info("in %s: %s", checkout, " ".join(command))
-    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=checkout, capture_output=True, text=True, check=False, **ends_with_this_process()
+    )
     log.info("%s%s", done.stdout, done.stderr)
     if done.returncode:
         reason = (done.stderr.strip() or done.stdout.strip() or "no reason given")[-600:]

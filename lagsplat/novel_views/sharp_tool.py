@@ -26,6 +26,7 @@ from PIL import Image
 from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.files.atomic import load_json, save_json
 from lagsplat.io.files.ply import is_whole
+from lagsplat.processes import ends_with_this_process
 from lagsplat.views.config import SharpConfig
 
 KIND, SCHEMA = "lifted", 1
@@ -196,7 +197,9 @@ def run_sharp(
         command = [*words, "predict", "-i", str(inputs), "-o", str(outputs)]
         command += ["-c", str(Path(str(config.checkpoint)).expanduser())]
         with log.open("w") as output:
-            process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+            process = subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, **ends_with_this_process()
+            )
         try:
             while waiting:
                 ended = process.poll() is not None

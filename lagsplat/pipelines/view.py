@@ -30,7 +30,7 @@ def view(
     replay: PathLike | None = None,
     out: PathLike | None = None,
 ) -> None:
-    """Serve a fitted run to the browser, to be pushed there, until interrupted.
+    """Serve a fitted run to the browser, to be pushed there, until interrupted or told to end by SIGTERM.
 
     Args:
         folder: Of the run.
@@ -70,8 +70,9 @@ def view(
     print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
     if browser:
         server.open_browser()
-    server.wait()
+    reason = server.wait()
     server.stop()
+    print(f"{title}: ended by {reason}; saved sessions are in {server.folder}", flush=True)
 
 
 def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:

@@ -1,8 +1,9 @@
 """One job of the workflow: the only module that knows Snakemake.
 
 A script does ``with Job(snakemake) as job:`` and calls the library. The job sets threads and seeds, keeps
-the rule's log, and on success leaves the record of what was run beside the results. Progress
-goes to stderr; a failure is one line there, with the traceback in the log.
+the rule's log, and on success leaves the record of what was run beside the results. It holds the lease of
+what it makes and ends with Snakemake, so nothing has two writers. Progress goes to stderr; a failure is one
+line there, with the traceback in the log.
 """
 
 import hashlib
@@ -12,14 +13,17 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from lagsplat.config.compose import rebuild
 from lagsplat.io.files.atomic import save_json, sha256_of
+from lagsplat.io.files.lease import hold_lease
 from lagsplat.io.files.tracking import read_curve, read_scores, track
 from lagsplat.planning.plan import read_overrides, shared_experiment
+from lagsplat.processes import end_with_driver, ends_with_this_process
 from lagsplat.project import find_project
 from lagsplat.provenance import seed_everything, set_threads, stamp
 
@@ -44,8 +48,14 @@ class Job:
         names: dict[str, str] = dict(self.wildcards.items())
         self.seed = int(names.get("seed", names.get("ae", "0")))
         self.started = time.monotonic()
+        self.lease = ExitStack()
 
     def __enter__(self) -> Self:
+        end_with_driver()
+        try:
+            self.lease.enter_context(hold_lease(self.output[0]))
+        except OSError as error:  # before the log, which belongs to the other job
+            sys.exit(f"{self.rule}: {error}")
         handler = logging.FileHandler(self.log_file, mode="w", encoding="utf-8")
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
@@ -59,16 +69,17 @@ class Job:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        seconds = time.monotonic() - self.started
-        if error is not None:
-            log.error("%s failed after %.1f s", self.rule, seconds, exc_info=error)
-            if isinstance(error, Exception):
-                sys.exit(f"{self.rule}: {error} (traceback: {self.log_file})")
-            return
-        if record := dict(self.output.items()).get("record"):
-            save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
-        self._track_metrics()
-        log.info("%s done in %.1f s", self.rule, seconds)
+        with self.lease:  # until the record is there
+            seconds = time.monotonic() - self.started
+            if error is not None:
+                log.error("%s failed after %.1f s", self.rule, seconds, exc_info=error)
+                if isinstance(error, Exception):
+                    sys.exit(f"{self.rule}: {error} (traceback: {self.log_file})")
+                return
+            if record := dict(self.output.items()).get("record"):
+                save_json(record, {**self.header, "stamp": stamp(), "wall_s": seconds})
+            self._track_metrics()
+            log.info("%s done in %.1f s", self.rule, seconds)
 
     def _track_metrics(self) -> None:
         """Keep the curve or the scores that this job has written where the experiment says."""
@@ -113,6 +124,7 @@ class Job:
             capture_output=True,
             text=True,
             check=False,
+            **ends_with_this_process(),
         )
         log.info("%s\n%s%s", module, done.stdout, done.stderr)
         if done.returncode:

@@ -12,6 +12,7 @@ from typing import Any
 
 from lagsplat.chart.chart import fit_chart, require_trained_autoencoder, save_chart
 from lagsplat.config.schema import Config
+from lagsplat.io.files.lease import hold_lease
 from lagsplat.io.files.tracking import track
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.recording import Recording, save_recording
@@ -59,6 +60,7 @@ def fit_run(
 
     Raises:
         ValueError: the recording is unreadable or too short for the split, or stage 1 learned nothing.
+        BlockingIOError: another process is fitting a run in the same folder.
 
     Example:
         >>> import lagsplat
@@ -70,6 +72,13 @@ def fit_run(
     out = Path(out).expanduser()
     if header is None:
         header = {"config": asdict(experiment), "code": code_digest(__name__)}
+    with hold_lease(out / "run"):
+        return _fit_stages(experiment, out, header, recording)
+
+
+def _fit_stages(
+    experiment: Config, out: Path, header: Mapping[str, Any], recording: Recording | None
+) -> FittedRun:
     made, truth = obtain_recording(experiment) if recording is None else (recording, None)
     recording = split_train_held_out(made, experiment.recording.split)
     train, _ = recording.split()

@@ -26,9 +26,11 @@ from lagsplat.planning.plan import (
     shared_experiment,
     weights_of,
 )
+from lagsplat.processes import announce_driver
 from lagsplat.provenance import let_waiting_threads_sleep
 
 let_waiting_threads_sleep()  # the jobs inherit it
+announce_driver()
 
 # snakemake --config hydra="profile=full stage2.steps=9000" hydra_krauss_2seg="stage1=upstream"
 try:
@@ -40,6 +42,19 @@ try:
         planned_extrapolations(overrides)
 except ConfigError as error:
     raise WorkflowError(str(error))
+
+
+onstart:
+    if workflow.execution_settings.keep_incomplete:
+        raise WorkflowError(
+            "--keep-incomplete keeps what a failed job has left half made, and a later run would take it for whole; "
+            "leave the option out: trainings go on from their checkpoint without it"
+        )
+    if not workflow.execution_settings.lock:
+        raise WorkflowError(
+            "--nolock lets two runs write the same results; leave the option out. If a run was killed and its lock is "
+            "still there, run `snakemake --unlock` once"
+        )
 
 
 SHORT = {"rocker": "rainbow_rocker", "krauss": "krauss_2seg"}

@@ -15,6 +15,10 @@ Format, version 1.
 6. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
    scalars and arrays become plain numbers and lists.
 7. A file is written beside its target, forced to the disk and renamed: one that exists is complete.
+8. ``__metadata__`` has the key ``lagsplat_xxh3``, whose value is one JSON object: the XXH3 checksums of the
+   header and of each tensor with its dtype and shape. They are compared on every opening, so a bit that
+   flipped on a disk or in a copy is an error. Files that were written before this was so have no such key;
+   they open unchecked.
 """
 
 import json
@@ -24,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+import xxhash
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
     import torch
 
 KEY = "lagsplat"
+CHECKSUMS = "lagsplat_xxh3"
 DTYPES = {
     "F64": np.float64,
     "F32": np.float32,
@@ -67,8 +73,10 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
     except (TypeError, ValueError) as error:
         message = f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
         raise ValueError(message) from error
+    sums = {name: checksum_of(array) for name, array in arrays.items()}
+    checksums = json.dumps({"header": xxhash.xxh3_64_hexdigest(text.encode()), "tensors": sums})
     with replace_atomically(path) as temporary:
-        save_file(arrays, temporary, metadata={KEY: text})
+        save_file(arrays, temporary, metadata={KEY: text, CHECKSUMS: checksums})
 
 
 def load_artifact(
@@ -76,13 +84,14 @@ def load_artifact(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Load the tensors and the header of the artifact at ``path``; ``kind`` and ``schema`` as `read_header`.
 
-    The tensors named in ``mapped`` are read-only memory maps, free until indexed; the others are copies.
+    The tensors named in ``mapped`` are read-only memory maps; the others are copies. Every tensor is read
+    once and compared with its checksum, if the file has checksums.
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
-        ValueError: the file is truncated, foreign, of another kind or schema, or lacks a tensor.
+        ValueError: the file is truncated, damaged, foreign, of another kind or schema, or lacks a tensor.
     """
-    header = read_header(path, kind=kind, schema=schema)
+    header, checksums = _read_metadata(path, kind, schema)
     # The library's NumPy interface returns copies, so for memory maps the table of offsets is read here:
     # eight bytes of length, little-endian, then that many bytes of JSON. `read_header` has checked it.
     with open(path, "rb") as file:
@@ -99,10 +108,15 @@ def load_artifact(
         dtype, shape = np.dtype(DTYPES[entry["dtype"]]).newbyteorder("<"), tuple(entry["shape"])
         begin, end = entry["data_offsets"]
         if begin == end:  # an empty range cannot be mapped
-            arrays[name] = np.empty(shape, dtype)
-            continue
-        view = np.memmap(path, dtype, "r", offset=8 + length + begin, shape=shape)
-        arrays[name] = view if name in mapped else np.array(view)
+            array = np.empty(shape, dtype)
+        else:
+            view = np.memmap(path, dtype, "r", offset=8 + length + begin, shape=shape)
+            array = view if name in mapped else np.array(view)
+        if checksums is not None and checksum_of(array) != checksums.get(name):
+            raise _damaged(path, f"tensor {name!r}")
+        arrays[name] = array
+    if checksums is not None and (lost := sorted(set(checksums) - set(arrays))):
+        raise _damaged(path, f"tensor {lost[0]!r}")
     return arrays, header
 
 
@@ -111,8 +125,15 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
 
     Raises:
         FileNotFoundError: there is no file at ``path``.
-        ValueError: the file is truncated, foreign, or of another kind or schema.
+        ValueError: the file is truncated, damaged, foreign, or of another kind or schema.
     """
+    return _read_metadata(path, kind, schema)[0]
+
+
+def _read_metadata(
+    path: StrPath, kind: str | None, schema: int | None
+) -> tuple[dict[str, Any], dict[str, str] | None]:
+    """The header, and the checksums of the tensors; None in a file that was written without them."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file; make it first, or check the path")
     try:
@@ -125,6 +146,7 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
         ) from error
     if KEY not in metadata:
         raise ValueError(f"{path}: its metadata has no {KEY!r} header; another program wrote it")
+    checksums = _read_checksums(path, metadata)
     try:
         header = json.loads(metadata[KEY])
     except json.JSONDecodeError as error:
@@ -138,7 +160,35 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
             f"{path}: {header['kind']!r} of schema {header.get('schema')}, but this version reads schema "
             f"{schema}; make the file again, or use the version that made it"
         )
-    return header
+    return header, checksums
+
+
+def _read_checksums(path: StrPath, metadata: Mapping[str, str]) -> dict[str, str] | None:
+    if CHECKSUMS not in metadata:
+        return None
+    try:
+        checksums = json.loads(metadata[CHECKSUMS])
+        of_header, of_tensors = checksums["header"], dict(checksums["tensors"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise _damaged(path, "the list of checksums") from error
+    if xxhash.xxh3_64_hexdigest(metadata[KEY].encode()) != of_header:
+        raise _damaged(path, "the header")
+    return of_tensors
+
+
+def checksum_of(array: np.ndarray) -> str:
+    """XXH3 (64 bits) of dtype, shape and bytes of an array that is C-contiguous, in hexadecimal."""
+    # Not a digest of cryptography: it guards against accidents and must cost next to nothing.
+    state = xxhash.xxh3_64(f"{array.dtype.str} {array.shape}".encode())
+    state.update(array.reshape(-1).view(np.uint8).data)
+    return state.hexdigest()
+
+
+def _damaged(path: StrPath, part: str) -> ValueError:
+    return ValueError(
+        f"{path}: {part} is not what was written: its checksum differs, so the file was damaged on the disk "
+        "or in a copy, or changed by another program. Fetch it again, or delete it and make it again"
+    )
 
 
 def _as_array(name: str, tensor: Any) -> np.ndarray:

@@ -4,17 +4,20 @@ A checkpoint belongs to one run, carries the run's identity (a digest of what de
 deleted when the run ends. A resumed run continues exactly as if uninterrupted.
 """
 
+import io
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
+import xxhash
 from torch.nn import Module
 from torch.optim import Optimizer
 
 from lagsplat.io.files.atomic import StrPath, replace_atomically
 
+DIGEST_BYTES = 8  # of XXH3, at the end of the file
 log = logging.getLogger(__name__)
 
 
@@ -47,8 +50,12 @@ def load_training_state(
 
 def save_checkpoint(path: Path, state: dict[str, Any], *, identity: str) -> None:
     """Write ``state`` atomically: a kill leaves either the old checkpoint or the new one."""
-    with replace_atomically(path) as temporary, temporary.open("wb") as file:
-        torch.save({"identity": identity, "state": state}, file)
+    buffer = io.BytesIO()
+    torch.save({"identity": identity, "state": state}, buffer)
+    content = buffer.getvalue()
+    with replace_atomically(path) as temporary:
+        # torch does not compare the checksums in its own format, and reads past what follows its end.
+        temporary.write_bytes(content + xxhash.xxh3_64_digest(content))
 
 
 def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
@@ -60,7 +67,7 @@ def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        content = torch.load(io.BytesIO(_checked(path)), map_location="cpu", weights_only=True)
     except Exception as error:
         log.warning("%s cannot be read (%s); training starts from the beginning", path, error)
         return None
@@ -68,6 +75,14 @@ def load_checkpoint(path: Path, *, identity: str) -> dict[str, Any] | None:
         log.warning("%s belongs to other settings, code or data; training starts from the beginning", path)
         return None
     return content["state"]
+
+
+def _checked(path: Path) -> bytes:
+    content = path.read_bytes()
+    content, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
+    if xxhash.xxh3_64_digest(content) != digest:
+        raise ValueError("its checksum differs: it was damaged on the disk, or other code wrote it")
+    return content
 
 
 def load_weights(path: StrPath) -> dict[str, Any]:

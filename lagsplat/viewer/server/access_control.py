@@ -1,8 +1,8 @@
-"""Access control of the live server: refuses pages of other sites and crafted messages.
+"""Access control of the live server: which pages are its own, and which messages are refused.
 
-viser serves everyone who reaches its port. This module refuses browsers of other origins, lets a message
-change only the value of a control, and keeps clients from sharing the session through a public tunnel. No
-message names a file: sessions are saved in the folder that the server was started with.
+A message changes only the value of a control, and clients cannot share the session through a public tunnel.
+No message names a file: sessions are saved in the folder that the server was started with. Who may connect at
+all is decided before, in `lagsplat.viewer.server.handshake`.
 """
 
 import contextlib
@@ -21,8 +21,9 @@ LARGEST = 1e9  # largest number that a control accepts
 LONGEST = 200  # longest text that a control accepts
 WARNING = (
     "WARNING: listening on {host}, which is not this machine alone. Whoever reaches it over the network can "
-    "push the simulation, change its settings and make it write session files. There is no password. "
-    "Use viewer.host=127.0.0.1 and an SSH tunnel unless you mean this."
+    "push the simulation, change its settings and make it write session files, if they have seen the address "
+    "with its token, which goes over the network as plain text. Use viewer.host=127.0.0.1 and an SSH tunnel "
+    "unless you mean this."
 )
 
 
@@ -54,21 +55,9 @@ def is_plain_value(value: object) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST
 
 
-def restrict_access(server: viser.ViserServer, *, loopback_only: bool) -> None:
-    """Refuse other origins and tunnels, and let clients set only the values of controls.
-
-    ``loopback_only`` is true for a server that listens on loopback.
-    """
+def restrict_access(server: viser.ViserServer) -> None:
+    """Refuse tunnels, and let clients set only the values of controls."""
     socket = server._websock_server
-
-    async def check_origin(connection: infra.WebsockClientConnection) -> None:
-        live = socket._live_connections[connection.client_id]
-        headers = {} if live.request is None else live.request.headers
-        if is_foreign_origin(headers, loopback_only=loopback_only):
-            log.warning("a page of %s was turned away", headers.get("Origin"))
-            await live.close(1008, "other origins are not served")
-
-    socket.on_client_connect(check_origin)
     for refused in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
         socket.unregister_handler(refused)
     set_value = socket._incoming_handlers.pop(messages.GuiUpdateMessage)

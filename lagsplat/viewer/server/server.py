@@ -1,7 +1,9 @@
 """The live simulation in a browser: a session, its real-time loop, the scene and the controls on one port."""
 
 import contextlib
+import io
 import logging
+import signal
 import socket
 import threading
 import time
@@ -15,6 +17,7 @@ from lagsplat.viewer.rendering.renderer import open_renderer
 from lagsplat.viewer.server.access_control import restrict_access, warn_of_open_host
 from lagsplat.viewer.server.canvas import Drag, Pointer
 from lagsplat.viewer.server.controls import ControlPanel
+from lagsplat.viewer.server.handshake import Gate, guard_sockets
 from lagsplat.viewer.server.scene import ReadFrame, Residual, SceneView, open_canvas
 from lagsplat.viewer.server.session_export import export_session
 from lagsplat.viewer.simulation.history import SessionHistory
@@ -43,8 +46,11 @@ class ViewerServer:
         training_side = max(operating_point.height, operating_point.width)
         self.renderer = open_renderer(operating_point, side=config.side)
         self.small_renderer = open_renderer(operating_point, side=training_side)
-        self.server = viser.ViserServer(config.host, config.port, verbose=False)
-        restrict_access(self.server, loopback_only=warn_of_open_host(config.host) is None)
+        self.gate = Gate(loopback_only=warn_of_open_host(config.host) is None)
+        # viser tells its address, which is not the whole one
+        with guard_sockets(self.gate), contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(config.host, config.port, verbose=False)
+        restrict_access(self.server)
         canvas = open_canvas(self.server, operating_point, self.renderer, window=config.window)
         self.scene_view = SceneView(session, canvas, read_frame=read_frame, residual=residual)
         self.loop = RealtimeLoop(session, self._draw, self._refuse)
@@ -58,26 +64,34 @@ class ViewerServer:
 
     @property
     def url(self) -> str:
-        """Address of the page."""
+        """Address of the page, with the token that lets its reader in."""
         host = self.session.config.host
         host = "localhost" if host in ("0.0.0.0", "::") else host
-        return f"http://{host}:{self.server.get_port()}"
+        return f"http://{host}:{self.server.get_port()}/{self.gate.token}/"
 
     def open_browser(self) -> None:
         """Open the page in the system's browser, if there is one."""
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(self.url)
 
-    def wait(self) -> None:
-        """Serve until interrupted."""
-        with contextlib.suppress(KeyboardInterrupt):
-            while True:
-                time.sleep(1.0)
+    def wait(self) -> str:
+        """Serve until interrupted, or until SIGTERM where this is the main thread; returns by which."""
+        told, main = threading.Event(), threading.current_thread() is threading.main_thread()
+        earlier = signal.signal(signal.SIGTERM, lambda *_: told.set()) if main else None
+        try:
+            told.wait()
+        except KeyboardInterrupt:
+            return "Ctrl-C"
+        finally:
+            if main:
+                signal.signal(signal.SIGTERM, earlier)
+        return "SIGTERM"
 
     def stop(self) -> None:
-        """Stop the loop and the server."""
-        self.loop.stop()
-        self.server.stop()
+        """Stop the loop and the server, after a session that is being saved."""
+        with self.saving:
+            self.loop.stop()
+            self.server.stop()
 
     def _draw(self, snapshot: Snapshot) -> None:
         self.scene_view.draw(snapshot)

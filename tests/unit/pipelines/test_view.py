@@ -1,5 +1,8 @@
 """From folders to sessions and pages: titles, pages of a kept run, the residual of a diagnosis."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +49,23 @@ def test_a_page_is_written_of_a_kept_run(folder: Path, tmp_path: Path, capsys) -
     assert main(["export", str(folder), "--html", f"out={out}"]) == 0
     assert capsys.readouterr().out.strip() == str(out)
     assert "Krauss arm, two segments (simulated)" in out.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("number", "told"), [(signal.SIGTERM, "SIGTERM"), (signal.SIGINT, "Ctrl-C")])
+def test_the_live_view_ends_cleanly_and_says_why(folder: Path, number: int, told: str) -> None:
+    program = "import sys; from lagsplat.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", program, "view", str(folder), "--no-browser", "viewer.port=0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert "Krauss arm, two segments (simulated): http://127.0.0.1:" in process.stdout.readline()
+            process.send_signal(number)
+            out, error = process.communicate(timeout=60.0)
+        finally:
+            process.kill()
+    assert process.returncode == 0, error
+    assert f"ended by {told}; saved sessions are in {folder}" in out
+    assert "Traceback" not in error
 
 
 def test_the_residual_of_a_diagnosis_follows_the_session(folder: Path, tmp_path: Path) -> None:

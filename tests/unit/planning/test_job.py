@@ -13,6 +13,7 @@ from snakemake.iocontainers import InputFiles, OutputFiles, Params, Wildcards
 
 from lagsplat.config.compose import compose
 from lagsplat.io.config import RecordingConfig, SplitConfig
+from lagsplat.io.files.lease import hold_lease, locate_lease
 from lagsplat.io.files.tracking import LINES
 from lagsplat.planning.job import Job
 
@@ -69,6 +70,21 @@ def test_a_failed_job_says_why_in_one_line_and_leaves_no_record(tmp_path: Path) 
         raise ValueError("no frames")
     assert not (tmp_path / "out.json").exists()
     assert "Traceback" in (tmp_path / "job.log").read_text(encoding="utf-8")
+
+
+def test_a_job_that_another_process_runs_is_refused_before_it_touches_anything(tmp_path: Path) -> None:
+    given = context(tmp_path)
+    (tmp_path / "job.log").write_text("of the other job")
+    with (
+        hold_lease(tmp_path / "out.json"),
+        pytest.raises(SystemExit, match=r"^stage1: \S+out\.json: process \d+ on \S+ is making it"),
+        Job(given),
+    ):
+        pytest.fail("two writers")
+    assert (tmp_path / "job.log").read_text() == "of the other job"
+    with Job(given):
+        assert locate_lease(tmp_path / "out.json").is_file()
+    assert not list(tmp_path.glob(".*.lease"))
 
 
 def test_a_stopped_job_is_not_a_failed_one(tmp_path: Path) -> None:

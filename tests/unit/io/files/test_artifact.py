@@ -60,6 +60,34 @@ def test_truncated_file_is_named(path: Path, keep: int) -> None:
         load_artifact(path)
 
 
+def test_no_flipped_bit_goes_unnoticed(tmp_path: Path) -> None:
+    path = tmp_path / "chart.safetensors"
+    tensors = {"mean": np.arange(3.0), "frames": np.ones((2, 3), np.uint8), "none": np.zeros((0, 2))}
+    save_artifact(path, tensors, {**HEADER, "stamp": "mine", "scale": [1.5, 2.0]})
+    content, (_, header) = path.read_bytes(), load_artifact(path)
+    reasons = []
+    for bit in range(0, 8 * len(content), 7):
+        flipped = bytearray(content)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        try:
+            found, found_header = load_artifact(path, kind="chart", mapped=("frames",))
+        except ValueError as error:
+            reasons.append(str(error))
+            continue
+        assert found_header == header
+        assert all(np.array_equal(found[name], tensor) for name, tensor in tensors.items())
+    for part in ("tensor 'mean'", "tensor 'frames'", "the header"):
+        assert any(f"{part} is not what was written: its checksum differs" in text for text in reasons)
+    assert all("chart.safetensors: " in text for text in reasons)
+
+
+def test_a_file_from_before_there_were_checksums_opens(tmp_path: Path) -> None:
+    path = tmp_path / "chart.safetensors"
+    save_file({"a": np.arange(2.0)}, path, metadata={"lagsplat": '{"kind": "chart", "schema": 2}'})
+    np.testing.assert_array_equal(load_artifact(path, kind="chart", schema=2)[0]["a"], [0.0, 1.0])
+
+
 def test_foreign_files_are_refused(tmp_path: Path) -> None:
     pickle = tmp_path / "weights.pt"
     torch.save({"a": 1}, pickle)

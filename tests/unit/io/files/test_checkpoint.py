@@ -27,5 +27,11 @@ def test_another_run_and_a_damaged_file_are_ignored(tmp_path: Path, caplog: pyte
         assert load_checkpoint(path, identity="b") is None
         path.write_bytes(path.read_bytes()[:40])
         assert load_checkpoint(path, identity="a") is None
+        save_checkpoint(path, {"weight": torch.ones(100)}, identity="a")
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+        assert load_checkpoint(path, identity="a") is None
+    assert "its checksum differs" in caplog.text
     assert "other settings" in caplog.text
     assert "cannot be read" in caplog.text

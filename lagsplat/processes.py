@@ -1,0 +1,68 @@
+"""Processes that end with the one that started them: jobs of a workflow, and the tools that jobs run.
+
+A Snakemake that is killed leaves its jobs running, and they would write beside those of the next run. So
+each Snakemake process, the one on a node of a cluster included, announces itself to what it starts, and a job
+asks the kernel to be killed with it. Linux alone can do this; elsewhere a job goes on, and its lease keeps
+the next run out (`lagsplat.io.files.lease`).
+"""
+
+import ctypes
+import os
+import select
+import signal
+import sys
+import threading
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+VARIABLE = "LAGSPLAT_DRIVER"  # number and namespace of the Snakemake process that started a job
+PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+
+
+def announce_driver() -> None:
+    """Let the jobs that this process starts know that they belong to it."""
+    os.environ[VARIABLE] = f"{os.getpid()} {_namespace()}"
+
+
+def end_with_driver() -> None:
+    """Let the kernel kill this process when the Snakemake process that started it ends, for whatever reason.
+
+    Nothing happens without `announce_driver`, outside Linux, or in a container with its own process numbers.
+
+    Raises:
+        SystemExit: that process has ended already.
+    """
+    number, _, namespace = os.environ.get(VARIABLE, "").partition(" ")
+    if sys.platform != "linux" or not number or namespace != _namespace():
+        return
+    _end_with_parent(os.getppid())
+    # The parent may be a shell that outlives Snakemake, so Snakemake itself is watched, too.
+    try:
+        driver = os.pidfd_open(int(number))
+    except ProcessLookupError:
+        sys.exit(f"Snakemake (process {number}), which started this job, has ended; run snakemake again")
+    threading.Thread(target=_end_after, args=(driver,), name="driver", daemon=True).start()
+
+
+def ends_with_this_process() -> dict[str, Any]:
+    """Arguments for `subprocess` with which a child is killed when the thread that starts it ends."""
+    return {"preexec_fn": partial(_end_with_parent, os.getpid())} if sys.platform == "linux" else {}
+
+
+def _end_with_parent(parent: int) -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before the kernel was told
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _end_after(process: int) -> None:
+    watched = select.poll()
+    watched.register(process, select.POLLIN)
+    watched.poll()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _namespace() -> str:
+    place = Path("/proc/self/ns/pid")
+    return os.readlink(place) if place.is_symlink() else ""
