@@ -27,7 +27,9 @@ SYSTEMS["held_back"] = HELD_BACK
 # groups whose conditions are drawn wide
 WIDE = ("calibration", "held_back")
 WIDE_NONE_SHARE, WIDE_PAIR_SHARE = 0.20, 0.12
-RATE_HZ, SPAN_S, NOISE_LEVEL, STEP = (20.0, 1000.0), (4.0, 60.0), (0.001, 0.03), (0.002, 0.02)
+RATE_HZ, SPAN_S = (20.0, 1000.0), (4.0, 60.0)
+# noise and step over the rms of the motion: encoders of 18 bits on a swing of 0.3 rad, to cameras
+NOISE_LEVEL, STEP = (2e-5, 0.03), (8e-5, 0.02)
 # gaps over the floor; at low noise they go on to a share of the motion
 LEAST_RATIO, LEAST_PAIR_RATIO, MOST_RATIO, MOST_GAP = 1.2, 3.0, 40.0, 0.4
 # nature's laws are never quite those of a catalogue: how often that shows, its share of the gap, and its gap
