@@ -1,13 +1,13 @@
 """Export a diagnosis of a MuJoCo model for MuJoCo's identification toolbox, `mujoco.sysid`."""
 
 import logging
-import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lagsplat.io.files.artifact import read_header
+from lagsplat.io.files.atomic import copy_file
 from lagsplat.io.files.sysid_yaml import write_sysid_parameters
 from lagsplat.io.mujoco.model import MujocoSelection, load_mujoco, load_spec
 from lagsplat.io.mujoco.sysid_parameters import list_sysid_parameters
@@ -74,7 +74,7 @@ def export_sysid(folder: Path, out: Path) -> tuple[Path, ...]:
     write_sysid_parameters(out / START, [replace(each, value=each.nominal) for each in parameters])
     write_sysid_parameters(out / FITTED, parameters)
     model = out / f"{sim.stem}.xml"
-    shutil.copyfile(patched, model)
+    copy_file(patched, model)
     return (*written, out / START, out / FITTED, model)
 
 

@@ -16,6 +16,7 @@ from numpy.polynomial import Polynomial
 from lagsplat.diagnose.augmented.model import AugmentedSimulator
 from lagsplat.diagnose.effects.base import ForceEffect, InputEffect, PlacedEffect
 from lagsplat.diagnose.simulators.mujoco_model import make_mujoco_fields
+from lagsplat.io.files.atomic import write_text
 from lagsplat.io.mujoco.model import URDF, MujocoSelection, load_mujoco, load_spec
 from lagsplat.io.mujoco.package import get_angle_unit, require_mujoco
 
@@ -168,8 +169,7 @@ def patch_augmented(
     except ValueError as error:
         changes = "; ".join(changed)
         raise ValueError(f"{path}: MuJoCo refuses the changed model ({error}); {changes}") from error
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(spec.to_xml(), encoding="utf-8")
+    write_text(out, spec.to_xml())
     if path.suffix.lower() == URDF:
         changed.append(f"{out.name} is an MJCF, as a URDF has no place for all that MuJoCo simulates")
     return tuple(changed)

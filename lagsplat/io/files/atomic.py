@@ -10,8 +10,9 @@ import hashlib
 import json
 import os
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,21 @@ import numpy as np
 from jaxtyping import Float64
 
 StrPath = str | os.PathLike[str]
+
+
+REASONS = {
+    errno.ENOSPC: "the disk or quota is full; free some space and run again",
+    errno.EDQUOT: "the disk or quota is full; free some space and run again",
+    errno.EFBIG: "the file would exceed the largest size allowed here (see `ulimit -f`)",
+    errno.EIO: "the disk or its network fails; write to another one",
+    errno.EROFS: "its file system is read-only; write to another folder, or mount it for writing",
+    errno.EACCES: "its folder may not be written by this user; write to another one, or change the rights",
+    errno.EPERM: "its folder may not be written by this user; write to another one, or change the rights",
+    errno.ENOTDIR: "a file stands where a folder is needed; move it away or write to another folder",
+    errno.EEXIST: "a file stands where a folder is needed; move it away or write to another folder",
+    errno.ENAMETOOLONG: "its name is too long for the file system; choose a shorter one",
+}
+"""Why a file cannot be written, by the number of the operating system's error, and what to do."""
 
 
 @contextmanager
@@ -29,31 +45,43 @@ def replace_atomically(path: StrPath) -> Iterator[Path]:
     ``path``, because some writers choose their format by it. Missing folders are created.
 
     Raises:
-        OSError: the disk is full or the folder cannot be written; the message names the target.
+        OSError: the file cannot be written; the message names the target, the reason and what to do.
     """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
+    outcome = f"{target} was not written: {{}}. Nothing was changed there."
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         temporary.touch()
         mode = temporary.stat().st_mode  # the user's umask; some writers make their files private
         yield temporary
         temporary.chmod(mode)
         _flush(temporary)
         os.replace(temporary, target)
+        outcome = f"{target} was written, but may be lost if the machine stops now: {{}}."
         _flush(target.parent)
     except Exception as error:
-        # Compiled writers report the operating system's error as text only.
-        number, words = getattr(error, "errno", None), str(error).lower()
-        if number in (errno.ENOSPC, errno.EDQUOT) or "no space left" in words or "quota exceeded" in words:
-            reason = "the disk or quota is full; free some space and run again"
-        elif number == errno.EFBIG or "file too large" in words:
-            reason = "the file would exceed the largest size allowed here (see `ulimit -f`)"
-        else:
+        if (number := _errno_of(error)) is None:
             raise
-        raise OSError(f"{target} was not written: {reason}. Nothing was changed there.") from error
+        kind = type(error) if isinstance(error, OSError) else OSError
+        raise kind(outcome.format(REASONS[number])) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what cannot be written may not be removed either
+            temporary.unlink(missing_ok=True)
+
+
+def _errno_of(error: Exception) -> int | None:
+    """Which of `REASONS` an error has; compiled writers tell it as text alone."""
+    if (number := getattr(error, "errno", None)) in REASONS:
+        return number
+    words = str(error).lower()
+    return next((each for each in REASONS if os.strerror(each).lower() in words), None)
+
+
+def copy_file(source: StrPath, target: StrPath) -> None:
+    """Copy the content of a file, atomically."""
+    with replace_atomically(target) as temporary:
+        shutil.copyfile(source, temporary)
 
 
 def write_text(path: StrPath, text: str) -> None:

@@ -28,12 +28,20 @@ def copy_pipeline(folder: str | os.PathLike[str]) -> Path:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         what = "holds files" if folder.is_dir() else "is a file"
         raise FileExistsError(f"{folder} {what}, which stay as they are; name a folder that is new or empty")
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in PARTS:
-        if (source / name).is_dir():
-            shutil.copytree(source / name, folder / name, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        else:
-            shutil.copyfile(source / name, folder / name)
-    # Last, so that a copy that was cut short is not taken for a pipeline.
-    save_json(folder / MARK, {"made_by": f"lagsplat {__version__}"})
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in PARTS:
+            if (source / name).is_dir():
+                shutil.copytree(source / name, folder / name, ignore=shutil.ignore_patterns(*NOT_COPIED))
+            else:
+                shutil.copyfile(source / name, folder / name)
+        # Last, so that a copy that was cut short is not taken for a pipeline.
+        save_json(folder / MARK, {"made_by": f"lagsplat {__version__}"})
+    except OSError as error:
+        # `copytree` goes on after an error and tells of all of them.
+        reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error
+        raise OSError(
+            f"{folder} does not hold the whole pipeline: {reason}. Delete it, make room or choose a folder "
+            "that can be written, and run again"
+        ) from error
     return folder

@@ -94,13 +94,16 @@ def _append_lines(
     # Once is enough: they are the same in all lines of a stage.
     records[:1] = [{**first, "settings": settings} for first in records[:1]]
     lines = [json.dumps(record) for record in records]
-    LINES.parent.mkdir(parents=True, exist_ok=True)
-    # One write at the end of the file, so that jobs side by side do not mix their lines.
-    handle = os.open(LINES, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    content = "".join(f"{line}\n" for line in lines).encode()
     try:
-        os.write(handle, "".join(f"{line}\n" for line in lines).encode())
-    finally:
-        os.close(handle)
+        LINES.parent.mkdir(parents=True, exist_ok=True)
+        # One write at the end of the file, so that jobs side by side do not mix their lines.
+        with open(LINES, "ab", buffering=0) as file:
+            written = file.write(content)
+    except OSError as error:
+        raise OSError(f"{LINES}: {error}; the lines of {names['rule']} are not kept there") from error
+    if written != len(content):
+        raise OSError(f"{LINES}: the disk is full; the lines of {names['rule']} are cut short there")
 
 
 def _log_to_mlflow(
