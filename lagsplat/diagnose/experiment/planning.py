@@ -170,7 +170,7 @@ def _describe(each: Suggestion, experiment: Experiment, names: tuple[str, ...], 
     first, second = each.expected
     return (
         f"Record {what}, for {each.duration_s:.3g} s{again}: one such recording is expected to separate "
-        f"{names[0]} from {names[1]} by {each.nats:.3g} nats (from {each.low:.1f} to {each.high:.1f} by the "
+        f"{names[0]} from {names[1]} by {each.nats:.3g} nats (from {each.low:.3g} to {each.high:.3g} by the "
         f"uncertainty of both fits). {each.coordinate} at {each.time_s:.3g} s tells most: {first:.4g} with "
         f"{names[0]}, {second:.4g} with {names[1]}, at a noise of {noise:.2g}"
     )
