@@ -25,7 +25,7 @@ from lagsplat.diagnose.imaging.rendering import (
     render_latents,
 )
 from lagsplat.diagnose.mechanics.model import MechanicalModel
-from lagsplat.diagnose.residual.error_budget import compute_stage_shares, forecast_positions
+from lagsplat.diagnose.residual.error_budget import forecast_positions
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.diagnose.simulators.fitted_run import convert_to_latents
 from lagsplat.evaluate.forecast import image_errors
@@ -43,6 +43,7 @@ MAX_VIDEO_FRAMES = 300  # keeps the report small
 MIN_PERIOD_S = 1.0  # duration of a natural period in the video, at least
 MAX_FORCE_SAMPLES = 400  # instants at which the force is localized
 MIN_FORCE_SHARE = 0.1  # of the rms force: its assumed standard deviation, at least
+ERROR_STAGES = ("perception", "chart", "one step", "rollout")
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,10 @@ class _BlockRenderer:
         return errors if shares is None else errors | {"stages": shares}
 
     def _stages(self, rollout: float) -> dict[str, float] | None:
-        """Share of the rollouts' squared error that each stage adds; see `compute_stage_shares`."""
+        """Share of the rollouts' squared error that each stage adds.
+
+        A stage that reduces the error of the one before adds nothing.
+        """
         estimate = next((s for s in self.smoothed if s.motion.source == self.recorded.motion.source), None)
         if estimate is None:
             return None
@@ -165,10 +169,9 @@ class _BlockRenderer:
         )[:, 1]
         stages = (motion.q[inside], estimate.q[inside], step)
         errors = [float(np.mean(image_errors(self.draw(q), real))) for q in stages]
-        shares = compute_stage_shares(
-            decoded=errors[0], smoothed=errors[1], one_step=errors[2], rollout=max(rollout**2, *errors)
-        )
-        return {name: max(0.0, share) for name, share in shares.items()}
+        largest = max(rollout**2, *errors, np.finfo(float).tiny)
+        shares = np.maximum(np.diff([0.0, *errors, largest]), 0.0) / largest
+        return dict(zip(ERROR_STAGES, shares.tolist(), strict=True))
 
     @property
     def strongest(self) -> tuple[LatentForceEstimate, np.ndarray]:

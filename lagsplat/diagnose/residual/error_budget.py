@@ -103,30 +103,6 @@ def measure_error_stages(
     return tuple(stages)
 
 
-def compute_stage_shares(
-    *, decoded: float, smoothed: float, one_step: float, rollout: float
-) -> dict[str, float]:
-    """Share of the rollout's image error that each stage adds; they sum to one.
-
-    A stage that reduces the error of the one before has a negative share.
-
-    The arguments are mean squared errors of images decoded from the encoded and from the smoothed positions,
-    from the simulator's forecast by one step, and from its rollout.
-
-    Raises:
-        ValueError: a rollout without error.
-    """
-    if not rollout > 0.0:
-        raise ValueError(f"the rollout's error is {rollout}: there is nothing to divide")
-    added = {
-        "perception": decoded,
-        "chart": smoothed - decoded,
-        "one step": one_step - smoothed,
-        "rollout": rollout - one_step,
-    }
-    return {name: error / rollout for name, error in added.items()}
-
-
 def forecast_positions(
     mechanics: MechanicalModel,
     q: Float64[np.ndarray, "B d"],

@@ -84,6 +84,10 @@ def test_image_errors_are_in_the_checks(image_content):
     assert image["after"] < image["before"]
     assert image["closure"] is None or image["closure"] > 0.5
     assert set(image["stages"]) == {"perception", "chart", "one step", "rollout"}
+    assert min(image["stages"].values()) >= 0.0
+    assert sum(image["stages"].values()) == pytest.approx(
+        1.0, abs=0.2
+    )  # more, where a stage mends the last one
 
 
 def test_the_error_map_covers_the_frame(image_content):

@@ -6,7 +6,6 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.diagnose.residual.error_budget import (
     assess_perception,
-    compute_stage_shares,
     forecast_positions,
     measure_error_stages,
 )
@@ -93,12 +92,3 @@ def test_pictures_are_judged_by_the_nominal_ones(real):
     first = measure_error_stages(Duffing(), real, None, horizon_s=1.0, image_errors=images, block=100)[0]
     assert first.name == "perception"
     assert first.value == pytest.approx(2.0 * first.floor)
-
-
-def test_stages_share_the_whole_error():
-    shares = compute_stage_shares(decoded=1.0, smoothed=0.8, one_step=1.2, rollout=4.0)
-    assert sum(shares.values()) == pytest.approx(1.0)
-    assert shares["chart"] == pytest.approx(-0.05)
-    assert shares["rollout"] == pytest.approx(0.7)
-    with pytest.raises(ValueError, match="nothing to divide"):
-        compute_stage_shares(decoded=0.0, smoothed=0.0, one_step=0.0, rollout=0.0)
