@@ -91,7 +91,7 @@ def lay_out(
         blocks.setdefault(block(row), []).append([line[place] for place in kept])
     shown = [cell for lines in blocks.values() for line in lines for cell in line]
     of_columns = dict.fromkeys(columns[place].note for place in kept if columns[place].note)
-    told = [*of_columns, *notes, *([BOLD_NOTE] if any(cell.bold for cell in shown) else [])]
+    told = [*of_columns, *filter(None, notes), *([BOLD_NOTE] if any(cell.bold for cell in shown) else [])]
     told += [DASH_NOTE] if any(cell.text == DASH for cell in shown) else []
     return PrintedTable(label, lead, caption, [columns[place] for place in kept], list(blocks.items()), told)
 

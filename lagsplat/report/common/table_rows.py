@@ -165,6 +165,11 @@ def describe_runs(frame: pd.DataFrame) -> str:
     return f"Profile {join_distinct(ours['profile'])}; {'; '.join(told)}."
 
 
+def tell_of_paper(frame: pd.DataFrame, text: str) -> str:
+    """Give ``text`` where a row is the paper's own; else an empty text."""
+    return text if (frame["recording"] == RECORDING).any() else ""
+
+
 def measure_margin(
     runs: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]], score: str
 ) -> dict[str, float | None]:

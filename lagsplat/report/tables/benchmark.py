@@ -148,7 +148,7 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
     ]
     shared["caption"] = f"Held-out part of each recording. {table_rows.describe_runs(table)}"
     lead = "Forecasts of the pneumatic arms"
-    paper = ["The paper's numbers are of its own films."]
+    paper = [table_rows.tell_of_paper(table, "The paper's numbers are of its own films.")]
     return [
         lay_out(table, scores, label="tab:krauss", lead=f"{lead}.", notes=paper, **shared),
         lay_out(table, rest, label="tab:krauss-rest", lead=f"{lead}: models and forces.", **shared),

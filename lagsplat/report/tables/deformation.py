@@ -17,7 +17,7 @@ from lagsplat.report.common.printed_table import (
 )
 from lagsplat.report.common.published_values import RECORDING
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
-from lagsplat.report.common.table_rows import build_table, name_block
+from lagsplat.report.common.table_rows import build_table, name_block, tell_of_paper
 
 DECODER_TITLES = {"conditioned": "Conditioned on the state", "deformed": "Deformation field"}
 OF_ROUGHNESS = (
@@ -84,8 +84,8 @@ def lay_out_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> li
             lead="Two decoders of the same frozen latents, at equal terms.",
             caption=(
                 f"Ours: {join_distinct(ours['n_gaussians'])} Gaussians and {join_distinct(ours['steps'])} "
-                f"steps, the same losses and step sizes, profile {join_distinct(ours['profile'])}. The "
-                f"paper's: {PAPER_PRIMITIVES} Gaussians, on its film."
+                f"steps, the same losses and step sizes, profile {join_distinct(ours['profile'])}."
+                + tell_of_paper(table, f" The paper's: {PAPER_PRIMITIVES} Gaussians, on its film.")
             ),
             block=lambda row: name_block(row, titles),
         )

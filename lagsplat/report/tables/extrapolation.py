@@ -16,7 +16,7 @@ from lagsplat.report.common.printed_table import (
     make_text_column,
 )
 from lagsplat.report.common.published_values import RECORDING
-from lagsplat.report.common.table_rows import name_block, take_median
+from lagsplat.report.common.table_rows import name_block, take_median, tell_of_paper
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
@@ -230,13 +230,14 @@ def lay_out_extrapolation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> 
         note="Key points: our two-dimensional re-implementation of a graph-network forecaster.",
     )
     lead = "Extrapolation past the training frames"
+    paper = tell_of_paper(table, " The paper's: on its film.")
     return [
         lay_out(
             frame,
             [model, *(one.make_column() for one in (*MEASURES, FLOOR) if one.is_main is is_main)],
             label=label,
             lead=f"{lead}{more}.",
-            caption=f"Ours: {settings}; medians over seeds, with their range. The paper's: on its film.",
+            caption=f"Ours: {settings}; medians over seeds, with their range.{paper}",
             block=lambda row: name_block(row, titles),
             notes=notes,
         )

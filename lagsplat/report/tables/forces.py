@@ -134,7 +134,9 @@ def lay_out_forces(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pr
         note="Error in time: rms of all displacements under a force switched on at rest.",
     )
     scale = Column("Other pokes'", _write_scale, "scale", note=OF_SCALE)
-    forces, n = make_text_column("Forces", _describe_forces), make_count_column("n", "n")
+    forces, n = make_text_column("Forces", lambda row: row["what"]), make_count_column("n", "n")
+    refused = table[table["refused"].notna()].to_dict("records")
+    reasons = [f"{name_block(row, titles)}: {row['refused'].rstrip('.')}." for row in refused]
     profiles = join_distinct(table["profile"].dropna())
     caption = f"Profile {profiles}; medians over forces, brackets: 90th percentile."
     shared: dict[str, Any] = {"block": lambda row: name_block(row, titles)}
@@ -145,7 +147,7 @@ def lay_out_forces(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pr
             label="tab:force-truth",
             lead=f"{lead} against the true ones, which no training saw.",
             caption=f"Simulated systems, after one poke set the energy scale. {caption}",
-            notes=[OF_ERRORS],
+            notes=[OF_ERRORS, *reasons],
             **shared,
         ),
         lay_out(
@@ -169,11 +171,6 @@ def lay_out_forces(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pr
             **shared,
         ),
     ]
-
-
-def _describe_forces(row: Row) -> str:
-    refused = row.get("refused")
-    return f"{row['what']}: {refused}" if isinstance(refused, str) else row["what"]
 
 
 def _write_error(key: str, scale: float) -> Callable[[Row], Cell]:

@@ -246,7 +246,7 @@ def lay_out_mass(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Prin
             *(table, [mass, _make_error_column(), gain, *_make_rollout_columns()]),
             label="tab:mass",
             lead="Forms of the mass over one frozen autoencoder.",
-            notes=["The paper's numbers are of its own film."],
+            notes=[table_rows.tell_of_paper(table, "The paper's numbers are of its own film.")],
             **shared,
         ),
         lay_out(
@@ -349,7 +349,9 @@ def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[
             lead="Free rollouts over two natural periods of the held-out part.",
             caption=table_rows.describe_runs(table),
             block=lambda row: f"{row['recording'][:1].upper()}{row['recording'][1:]}",
-            notes=["Films and simulations are different recordings and cannot be compared."],
+            notes=["Films and simulations are different recordings, and cannot be compared."]
+            if table["recording"].nunique() > 1
+            else [],
         )
     ]
 

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from lagsplat.report.common.printed_table import PrintedTable, format_html, format_latex
-from lagsplat.report.common.table_rows import build_rows
+from lagsplat.report.common.table_rows import build_rows, build_table
 from lagsplat.report.tables.extrapolation import (
     build_extrapolation_table,
     group_models,
     lay_out_extrapolation,
 )
+from lagsplat.report.tables.forces import ACCURACY_COLUMNS, build_force_rows, lay_out_forces
 from lagsplat.report.tables.learned_physics import (
     build_mass_rows,
     build_mass_table,
@@ -24,6 +25,7 @@ from lagsplat.report.tables.learned_physics import (
 from tests.unit.report.tables.published import LAYOUTS, ROOT, list_published, read_titles
 from tests.unit.report.tables.test_benchmark import names, run
 from tests.unit.report.tables.test_extrapolation import RUN, found, other
+from tests.unit.report.tables.test_forces import TRUTH
 from tests.unit.report.tables.test_learned_physics import with_inertia
 
 # The lines of a caption are 12 points apart, and the first is hardly 9 points high.
@@ -39,8 +41,8 @@ PREAMBLE = r"""\documentclass[10pt,twocolumn]{article}%s
 """
 
 
-def make_seeds() -> list[PrintedTable]:
-    """Tables of which only single seeds are published, with the intervals of several."""
+def make_others() -> list[PrintedTable]:
+    """What no published table has: intervals of several seeds, variants of models, a refused answer."""
     titles = read_titles()
     runs = [
         names(seed, stage2=name) for name in ("default", "induced_mass", "constant_mass") for seed in (0, 1)
@@ -61,11 +63,16 @@ def make_seeds() -> list[PrintedTable]:
     ]
     looks = [found(decay=0.01 * n + 0.001 * n * n, level=30.0 + n, diverged=n == 5) for n in range(10)]
     models = group_models([RUN], others, looks)
-    return tables + lay_out_extrapolation(build_extrapolation_table(models), titles=titles)
+    tables += lay_out_extrapolation(build_extrapolation_table(models), titles=titles)
+    refused = "no point of the object can be taken hold of: no matter was found there"
+    rows = build_force_rows(
+        [RUN, {**RUN, "system": "toy"}], [{"truth": TRUTH}, {"truth": {"refused": refused}}]
+    )
+    return tables + lay_out_forces(build_table(rows, ACCURACY_COLUMNS), titles=titles)
 
 
 CASES = [(f"{path.parent.name}-{path.stem}", tables) for path, tables in list_published()]
-CASES.append(("seeds", make_seeds()))
+CASES.append(("others", make_others()))
 ON_PAPER = pytest.mark.skipif(
     shutil.which("pdflatex") is None,
     reason="pdflatex is missing: apt-get install texlive-latex-recommended",
