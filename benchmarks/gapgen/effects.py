@@ -74,6 +74,7 @@ def dissipative(name: str, s: Setting, i: int, j: int, rng: np.random.Generator)
     chi, power = rng.uniform(0.5, 1.8), rng.choice([1.8, 1.9, 2.1, 2.2])
     # the bristle must stay resolved by the step at the highest speed
     slip = max(0.006 * s.x[i], 0.35e-3 / s.f1_hz[i] * s.v_top[i])
+    damping = np.exp(rng.uniform(np.log(0.02), np.log(1.5)))  # over sqrt(stiffness)
 
     def make(a: float) -> Effect:
         if name == "quadratic_drag":
@@ -84,7 +85,7 @@ def dissipative(name: str, s: Setting, i: int, j: int, rng: np.random.Generator)
         top = level * (1.0 + excess) if name == "stribeck_friction" else level
         load = chi if name == "load_dependent_friction" else 0.0
         bristle = level / slip
-        numbers = [level, top, v_s, load, force, 0.0, slip, 0.6 * np.sqrt(bristle)]
+        numbers = [level, top, v_s, load, force, 0.0, slip, damping * np.sqrt(bristle)]
         row = (laws.FRICTION if set_valued else laws.BRISTLE, i, j, numbers)
         parameters = {"acceleration": level}
         if name == "stribeck_friction":

@@ -125,9 +125,10 @@ PRESLIDING = (
         (0.0003, 0.01),
         label="presliding displacement",
     ),
-    EffectParameter("bristle_damping", "ratio", log_normal(1.0, 0.5), (1.0,), reported=False),
+    EffectParameter("bristle_damping", "ratio", log_normal(0.3, 2.0), (0.3,), reported=False),
 )
 """How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
 
-The damping is 1 in Canudas de Wit et al., 1995, doi:10.1109/9.376053.
+The damping is 1 in Canudas de Wit et al., 1995, doi:10.1109/9.376053, and 0 in the model of Dahl (1968) that theirs
+contains.
 """
