@@ -129,6 +129,6 @@ PRESLIDING = (
 )
 """How far dry friction gives way before it slides, and the damping of that over ``sqrt(stiffness mass)``.
 
-The damping is 1 in Canudas de Wit et al., 1995, doi:10.1109/9.376053, and 0 in the model of Dahl (1968) that theirs
-contains.
+The damping is 1 in Canudas de Wit et al., 1995, doi:10.1109/9.376053, and 0 in the model of Dahl (1968) that
+theirs contains.
 """
