@@ -17,6 +17,7 @@ FOUND = [
     ("session", 1, 46),  # MemoryError
     ("session", 2, 18),
     ("npz", 3, 127),  # zipfile: NotImplementedError
+    ("npz", 4, 170),
     ("krauss", 3, 22),  # NumPy: TokenError
     ("safetensors", 1, 43),  # TypeError, and other entries of a header
     ("safetensors", 1, 47),
