@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import cast
 
 import numpy as np
@@ -48,7 +49,14 @@ def read_krauss_npz(path: StrPath, *, dt_s: float, expected_inputs: int) -> Reco
             frames = _read_frames(path, archive)
             columns = [_read_pressure(path, archive, name, len(frames)) for name in names]
     # NotImplementedError: a compression that zipfile lacks. RuntimeError: an encrypted member.
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        MemoryError,
+    ) as error:
         raise ValueError(f"{path}: truncated or not an NPZ archive ({error}); {REPAIR}") from error
     return Recording(
         frames=frames,
@@ -90,7 +98,7 @@ def _open_array(path: Path, archive: zipfile.ZipFile, key: str) -> Iterator[_Sto
             major, _ = np.lib.format.read_magic(stream)
             readers = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
             array = _StoredArray(stream, *readers[major](stream))
-        except (ValueError, KeyError) as error:
+        except (ValueError, KeyError, TokenError) as error:
             raise ValueError(f"{path}: key {key!r} is not a plain NumPy array ({error}); {REPAIR}") from error
         if array.dtype.hasobject:
             raise ValueError(

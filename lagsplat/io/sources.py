@@ -180,7 +180,7 @@ def _classify(path: Path) -> DataSource:
         try:
             with zipfile.ZipFile(path) as archive:
                 has_images = "images.npy" in archive.namelist()
-        except zipfile.BadZipFile as error:
+        except (zipfile.BadZipFile, NotImplementedError) as error:
             raise ValueError(f"{path}: damaged or not an NPZ archive ({error}); write it again") from error
         return DataSource("krauss" if has_images else "trajectory", name)
     if suffix in (".xml", ".urdf"):

@@ -15,10 +15,10 @@ Format, version 1.
 6. In the header NaN and infinities are the bare words Python's ``json`` writes, tuples become lists, NumPy
    scalars and arrays become plain numbers and lists.
 7. A file is written beside its target, forced to the disk and renamed: one that exists is complete.
-8. ``__metadata__`` has the key ``lagsplat_xxh3``, whose value is one JSON object: the XXH3 checksums of the
-   header and of each tensor with its dtype and shape. They are compared on every opening, so a bit that
-   flipped on a disk or in a copy is an error. Files that were written before this was so have no such key;
-   they open unchecked.
+8. The header's first member is ``"checked": "xxh3"``. The last one, ``xxh3``, holds the XXH3 checksums of the
+   header without it and of each tensor with its dtype and shape. They are compared on every opening, so a bit
+   that flipped on a disk or in a copy is an error. Files that were written before this was so have neither
+   member; they open unchecked.
 """
 
 import json
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     import torch
 
 KEY = "lagsplat"
-CHECKSUMS = "lagsplat_xxh3"
+# In the header itself: the library writes several keys in an order that changes from process to process.
+CHECKED, CHECKSUMS = '{"checked": "xxh3", ', ', "xxh3": '
 DTYPES = {
     "F64": np.float64,
     "F32": np.float32,
@@ -73,10 +74,11 @@ def save_artifact(path: StrPath, tensors: Mapping[str, Any], header: Mapping[str
     except (TypeError, ValueError) as error:
         message = f"{path}: the header is not JSON ({error}); keep to numbers, text, lists and dicts"
         raise ValueError(message) from error
+    text = CHECKED + text[1:]
     sums = {name: checksum_of(array) for name, array in arrays.items()}
     checksums = json.dumps({"header": xxhash.xxh3_64_hexdigest(text.encode()), "tensors": sums})
     with replace_atomically(path) as temporary:
-        save_file(arrays, temporary, metadata={KEY: text, CHECKSUMS: checksums})
+        save_file(arrays, temporary, metadata={KEY: f"{text[:-1]}{CHECKSUMS}{checksums}}}"})
 
 
 def load_artifact(
@@ -146,9 +148,9 @@ def _read_metadata(
         ) from error
     if KEY not in metadata:
         raise ValueError(f"{path}: its metadata has no {KEY!r} header; another program wrote it")
-    checksums = _read_checksums(path, metadata)
+    text, checksums = _split_checksums(path, metadata[KEY])
     try:
-        header = json.loads(metadata[KEY])
+        header = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}: its {KEY!r} header is not JSON ({error}); make it again") from error
     if not isinstance(header, dict) or not isinstance(header.get("kind"), str):
@@ -163,17 +165,20 @@ def _read_metadata(
     return header, checksums
 
 
-def _read_checksums(path: StrPath, metadata: Mapping[str, str]) -> dict[str, str] | None:
-    if CHECKSUMS not in metadata:
-        return None
+def _split_checksums(path: StrPath, written: str) -> tuple[str, dict[str, str] | None]:
+    """The header without its checksums, and the checksums of the tensors."""
+    text, mark, checksums = written.rpartition(CHECKSUMS)
+    if not mark and not written.startswith(CHECKED):
+        return written, None
+    text += "}"  # without the mark it is empty, and so are the checksums
     try:
-        checksums = json.loads(metadata[CHECKSUMS])
-        of_header, of_tensors = checksums["header"], dict(checksums["tensors"])
+        sums = json.loads(checksums[:-1])
+        of_header, of_tensors = sums["header"], dict(sums["tensors"])
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, "the list of checksums") from error
-    if xxhash.xxh3_64_hexdigest(metadata[KEY].encode()) != of_header:
+    if xxhash.xxh3_64_hexdigest(text.encode()) != of_header:
         raise _damaged(path, "the header")
-    return of_tensors
+    return "{" + text.removeprefix(CHECKED), of_tensors
 
 
 def checksum_of(array: np.ndarray) -> str:

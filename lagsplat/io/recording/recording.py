@@ -173,19 +173,30 @@ def save_recording(path: StrPath, recording: Recording) -> None:
 
 
 def load_recording(path: StrPath) -> Recording:
-    """Load the recording at ``path``; frames are a read-only memory map."""
+    """Load the recording at ``path``; frames are a read-only memory map.
+
+    Raises:
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: as `load_artifact`; or what the file holds is no recording.
+    """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA, mapped=("frames",))
     missing = {"frames", "time_s", "inputs"} - set(tensors)
     if missing:
         raise ValueError(f"{path}: a recording without {sorted(missing)}; the file was made by other code")
-    return Recording(
-        frames=tensors["frames"],
-        time_s=tensors["time_s"],
-        inputs=tensors["inputs"],
-        input_names=tuple(header["input_names"]),
-        input_units=tuple(header["input_units"]),
-        segments=tuple((start, stop) for start, stop in header["segments"]),
-        states=tensors.get("states"),
-        meta=header["meta"],
-        n_train=header["n_train"],
-    )
+    try:
+        return Recording(
+            frames=tensors["frames"],
+            time_s=tensors["time_s"],
+            inputs=tensors["inputs"],
+            input_names=tuple(header["input_names"]),
+            input_units=tuple(header["input_units"]),
+            segments=tuple((start, stop) for start, stop in header["segments"]),
+            states=tensors.get("states"),
+            meta=header["meta"],
+            n_train=header["n_train"],
+        )
+    except (TypeError, KeyError, OverflowError, AttributeError, IndexError) as error:
+        problem = f"{type(error).__name__}: {error}"
+        raise ValueError(
+            f"{path}: its header or tensors are of other code ({problem}); make it again"
+        ) from error

@@ -67,7 +67,8 @@ def _summary(file: BufferedReader) -> tuple[dict[int, Schema], dict[int, Channel
     file.seek(0)
     try:
         summary = make_reader(file).get_summary()
-    except (McapError, ValueError, OSError, struct.error, OverflowError):  # a file that is cut short has none
+    # a file that is cut short has none, or one that tells of lengths beyond any memory
+    except (McapError, ValueError, OSError, struct.error, OverflowError, MemoryError):
         summary = None
     return (summary.schemas, summary.channels) if summary else ({}, {})
 
@@ -100,7 +101,7 @@ def _until_break(stream: BufferedReader | BytesIO, size: int) -> Iterator[McapRe
     reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=size)
     try:
         yield from reader.records
-    except (McapError, struct.error, UnicodeDecodeError, OverflowError):
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError, MemoryError):
         return
 
 

@@ -23,10 +23,16 @@ from mcap.reader import make_reader
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
+from zstandard import ZstdError
 
 from lagsplat.io.files.atomic import StrPath, replace_atomically
 from lagsplat.io.trajectory.trajectory import Trajectory
 
+DAMAGE = (
+    *(McapError, ValueError, OSError, OverflowError, struct.error, ZstdError),
+    *(RuntimeError, MemoryError),  # of LZ4; of a length that no memory holds
+)
+"""What the reader of MCAP raises on a damaged file."""
 KIND = "session"
 COLUMNS = {
     "q": "whitened latent state",
@@ -95,7 +101,7 @@ def read_session(path: StrPath) -> SessionLog:
         with open(path, "rb") as file:
             rows = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages([TOPIC])]
         columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in COLUMNS}
-    except (McapError, ValueError, KeyError, TypeError, struct.error) as error:
+    except (*DAMAGE, KeyError, TypeError) as error:
         raise ValueError(f"{path}: its states cannot be read ({error}); save the session again") from error
     if not rows or not all(c.ndim == 2 and np.isfinite(c).all() for c in columns.values()):
         raise ValueError(f"{path}: {len(rows)} states whose columns do not fit; save the session again")
@@ -133,7 +139,7 @@ def _metadata(path: Path) -> dict[str, Any]:
             entries = list(make_reader(file).iter_metadata())
         found = next((entry.metadata for entry in entries if entry.name == "lagsplat"), {})
         return {key: json.loads(value) for key, value in found.items()}
-    except (McapError, ValueError, OSError, struct.error) as error:
+    except DAMAGE as error:
         raise ValueError(f"{path}: not a whole MCAP file ({error})") from error
 
 

@@ -22,6 +22,8 @@ DEMOS, ACTIONS, SETTINGS, RATE = "data", "actions", "env_args", "control_freq"
 """Names of robomimic: demonstrations, what was commanded, and settings with the rate of control [Hz]."""
 MOST_COLUMNS = 256  # of one dataset; a wider one is a picture or a state of something else
 AGAIN = "copy or write the file again"
+DAMAGE = (OSError, RuntimeError, KeyError)
+"""What HDF5 raises on a damaged file, by what it was asked."""
 
 
 @dataclass
@@ -71,7 +73,7 @@ def read_hdf5(path: Path, columns: Mapping[str, str]) -> Table:
             if demos:
                 return _read_demos(path, file, contents, demos, columns.get(TIME, TIME))
             return _read_plain(path, contents, columns.get(TIME, TIME))
-    except OSError as error:
+    except DAMAGE as error:
         raise ValueError(f"{path}: damaged or not an HDF5 file ({error}); {AGAIN}") from error
 
 
@@ -97,7 +99,7 @@ def survey_hdf5(path: Path) -> Hdf5Survey:
             datasets = [
                 f"{name} {list(array.shape)} {array.dtype}" for name, array in contents.arrays.items()
             ]
-    except OSError as error:
+    except DAMAGE as error:
         raise ValueError(f"{path}: damaged or not an HDF5 file ({error}); {AGAIN}") from error
     proposal = propose_names([*([TIME] if demos else []), *columns])
     return Hdf5Survey(

@@ -1,19 +1,32 @@
 """Read tables of numbers from CSV, Parquet, NPZ, MATLAB and HDF5."""
 
+import io
+import json
+import subprocess
+import sys
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 import pandas as pd
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from lagsplat.io.trajectory.columns import TIME, Table, list_arrays, refuse_twins
 from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES, read_hdf5
 from lagsplat.io.trajectory.sysid_series import read_series
 from lagsplat.io.trajectory.text import read_text
 
+NPZ_DAMAGE = (
+    *(OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TokenError),
+    *(
+        NotImplementedError,
+        RuntimeError,
+        MemoryError,
+    ),  # of its flags; of a length beyond any memory
+)
+"""What NumPy and zipfile raise on a damaged archive."""
 KINDS = (".csv", ".txt", ".tsv", ".parquet", ".pq", ".npz", ".mat", *HDF5_SUFFIXES)
 
 
@@ -73,31 +86,49 @@ def _load_arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+    except NPZ_DAMAGE as error:
         raise ValueError(f"{path}: damaged, or holds Python objects ({error}); save plain arrays") from error
 
 
 def _from_matlab(path: Path) -> Table:
-    try:
-        content = loadmat(path, chars_as_strings=True)
-    except NotImplementedError as error:
-        raise ValueError(f"{path}: MATLAB 7.3 is not read; save it with -v7, or as CSV") from error
-    except (OSError, ValueError, TypeError, MatReadError) as error:
-        raise ValueError(f"{path}: damaged or not a MATLAB file ({error}); save it with -v7") from error
-    plain = {
-        name: value
-        for name, value in content.items()
-        if not name.startswith("__") and value.dtype.kind in "fiub"
-    }
+    plain, names = _load_matlab(path)
     vectors = {name: value.reshape(-1) for name, value in plain.items() if value.size == max(value.shape) > 1}
     if not vectors:
-        names = [name for name in content if not name.startswith("__")]
         raise ValueError(
             f"{path}: no numeric vector among {names}; save t and q as plain arrays, not in cells or structs"
         )
     n = len(vectors.get(TIME, next(iter(vectors.values()))))
     blocks = {name: plain[name] for name in ("q", "v", "u") if name in plain and name not in vectors}
     return _from_arrays(path, vectors | {name: v if len(v) == n else v.T for name, v in blocks.items()})
+
+
+READ_MATLAB = """
+import io, json, sys
+import numpy
+from scipy.io import loadmat
+content = {name: x for name, x in loadmat(sys.argv[1]).items() if not name.startswith("__")}
+buffer = io.BytesIO()
+names = [[name, x.dtype.kind in "fiub"] for name, x in content.items()]
+numpy.savez(buffer, *[content[name] for name, is_numeric in names if is_numeric], names=json.dumps(names))
+sys.stdout.buffer.write(buffer.getvalue())
+"""
+
+
+def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The numeric arrays of a MATLAB file, and the names of all that it holds."""
+    # In a process of its own: SciPy's compiled reader may crash on a damaged file.
+    command = [sys.executable, "-c", READ_MATLAB, str(path)]
+    done = subprocess.run(command, capture_output=True, check=False)
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        if "NotImplementedError" in told:
+            raise ValueError(f"{path}: MATLAB 7.3 is not read; save it with -v7, or as CSV")
+        reason = told or f"its reader ends with {done.returncode}"
+        raise ValueError(f"{path}: damaged or not a MATLAB file ({reason}); save it with -v7")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as archive:
+        names = json.loads(str(archive["names"]))
+        numeric = [name for name, is_numeric in names if is_numeric]
+        return {name: archive[f"arr_{i}"] for i, name in enumerate(numeric)}, [name for name, _ in names]
 
 
 def _from_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Table:
