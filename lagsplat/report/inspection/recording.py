@@ -50,8 +50,8 @@ def describe_recording(recording: Recording, *, config: EvaluateConfig) -> str:
 
 def _describe_size(recording: Recording) -> str:
     own = f"{recording.width} x {recording.height} px"
-    clips = recording.meta.get("clips")
-    rows, columns = clips[0]["picture_px"] if clips else (recording.height, recording.width)
+    first, *_ = recording.meta.get("clips") or [{}]
+    rows, columns = first.get("picture_px", (recording.height, recording.width))
     return (
         own
         if (rows, columns) == (recording.height, recording.width)
