@@ -21,7 +21,7 @@ from lagsplat.diagnose.effects.registry import (
     register_effect,
     short_title,
 )
-from lagsplat.report.diagnosis.summary import name_candidate, title_candidate
+from lagsplat.report.diagnosis.summary import name_candidate
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "lagsplat"
@@ -83,7 +83,6 @@ def test_the_report_has_words_for_it(ratchet: Effect) -> None:
     assert short_title("ratchet") == "ratchet"
     candidate = Candidate("ratchet", 0.9, "q0", None)
     assert name_candidate(candidate) == "ratchet at q0"
-    assert title_candidate(candidate).startswith("a ratchet")
 
 
 def test_the_documentation_describes_it(ratchet: Effect) -> None:
