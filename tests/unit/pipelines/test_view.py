@@ -53,7 +53,11 @@ def test_a_page_is_written_of_a_kept_run(folder: Path, tmp_path: Path, capsys) -
 
 @pytest.mark.parametrize(("number", "told"), [(signal.SIGTERM, "SIGTERM"), (signal.SIGINT, "Ctrl-C")])
 def test_the_live_view_ends_cleanly_and_says_why(folder: Path, number: int, told: str) -> None:
-    program = "import sys; from lagsplat.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    # a process in the background, as the tests may be, ignores SIGINT, and so do those that it starts
+    program = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from lagsplat.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    )
     command = [sys.executable, "-c", program, "view", str(folder), "--no-browser", "viewer.port=0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
