@@ -203,7 +203,7 @@ def _classify(path: Path) -> DataSource:
 
 def _find_inputs(path: Path) -> str | None:
     """The table of inputs beside a video."""
-    tables = (path.with_suffix(table) for table in TABLES)
+    tables = (path.with_suffix(table) for table in TABLES if table != ".txt")  # which mostly are notes
     return next((str(table) for table in tables if table.is_file()), None)
 
 

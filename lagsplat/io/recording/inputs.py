@@ -24,7 +24,11 @@ def add_inputs(recording: Recording, table: StrPath) -> Recording:
     name = recording.meta.get("source", Path(table).name)
     if recording.inputs.shape[1]:
         raise ValueError(f"{name}: inputs are in the video and in a table beside it; remove one of them")
-    time_s, inputs = read_input_log(table)
+    try:
+        time_s, inputs = read_input_log(table)
+    except ValueError as error:
+        taken = f"read as the inputs of {name}, whose stem it has; rename it if it holds something else"
+        raise ValueError(f"{error} ({taken})") from error
     slack = 0.5 * recording.dt_s
     covered = (recording.time_s >= time_s[0] - slack) & (recording.time_s <= time_s[-1] + slack)
     if not covered.any():

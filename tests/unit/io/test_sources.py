@@ -185,3 +185,11 @@ def test_a_lerobot_dataset_is_one_trajectory_whose_joints_take_the_names_of_the_
     assert adopt_names(motions, motions) == adopt_names(motions, []) == motions
     other = Trajectory(np.arange(3.0), q=np.zeros((3, 2)), u=np.zeros((3, 6)))
     assert adopt_names(motions, [other]) == motions  # a check refuses them by both lists of names
+
+
+def test_notes_beside_a_film_are_not_its_inputs(tmp_path: Path) -> None:
+    for name in ("bag.mp4", "bag.txt", "arm.mp4", "arm.csv"):
+        (tmp_path / name).write_bytes(b"")
+    arm, bag = find_sources(str(tmp_path))
+    assert arm.inputs == str(tmp_path / "arm.csv")
+    assert bag.inputs is None

@@ -43,3 +43,9 @@ def test_frames_without_inputs_are_left_out(tmp_path: Path) -> None:
     known = film(inputs=np.ones((10, 1)), input_names=("p1",), input_units=("atm",))
     with pytest.raises(ValueError, match="in the video and in a table"):
         add_inputs(known, table)
+
+
+def test_a_file_that_is_no_table_is_named_as_what_it_was_read_as(tmp_path: Path) -> None:
+    (tmp_path / "bag.csv").write_text("")
+    with pytest.raises(ValueError, match=r"bag\.csv: .*read as the inputs of bag\.mp4, whose stem it has"):
+        add_inputs(film(), tmp_path / "bag.csv")
