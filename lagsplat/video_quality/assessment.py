@@ -187,6 +187,7 @@ LATER = (0.4, 0.8)  # the reference stretch of the video, as shares of its frame
 LEVELS = 12.0  # a pixel is an outlier if it differs by this many of 255 levels...
 SPREADS = 6.0  # ...and by this many standard deviations of the reference stretch
 SHARE = 0.002  # of the still pixels must be outliers at once
+STAYING = 0.98  # of the time some of them are outliers; a swing uncovers each of its pixels twice a period
 LARGEST = 0.5  # a foreign object stays at most this share of the video
 
 
@@ -194,7 +195,8 @@ def find_foreign_object(grey: continuity.Grey, time_s: continuity.Times) -> Fore
     """Find what covers still pixels at the start or end of a video, such as a hand that lets go.
 
     ``grey`` should be free of flicker. Where the system itself moves in mid-video no pixel is still, so a
-    hand that touches only there is missed.
+    hand that touches only there is missed. What covers pixels now and then, as a system does that later comes
+    to rest, is no foreign object: one stays over some of them.
     """
     usual_part = grey[int(LATER[0] * len(grey)) : int(LATER[1] * len(grey))]
     usual, spread = np.median(usual_part, axis=0), usual_part.std(axis=0)
@@ -205,10 +207,12 @@ def find_foreign_object(grey: continuity.Grey, time_s: continuity.Times) -> Fore
     if still.mean() < 0.05:
         return None
     limit = np.maximum(LEVELS, SPREADS * spread[still])
-    covered = np.array([(np.abs(frame[still] - usual[still]) > limit).mean() for frame in grey])
+    hidden = np.array([np.abs(frame[still] - usual[still]) > limit for frame in grey])
+    covered = hidden.mean(axis=1)
     there = covered > SHARE
     most = int(LARGEST * len(grey))
-    start, end = (0 if n > most else n for n in (_leading(there), _leading(there[::-1])))
+    found = (_leading(there), hidden), (_leading(there[::-1]), hidden[::-1])
+    start, end = (n if n <= most and _stays(pixels[:n]) else 0 for n, pixels in found)
     if not start and not end:
         return None
     share = max(covered[:start].max(initial=0.0), covered[len(covered) - end :].max(initial=0.0))
@@ -217,6 +221,14 @@ def find_foreign_object(grey: continuity.Grey, time_s: continuity.Times) -> Fore
         back_s=float(time_s[len(grey) - end]) if end else None,
         share=float(share),
     )
+
+
+def _stays(hidden: Bool[np.ndarray, "T n"]) -> bool:
+    """Whether something hides the same pixels all the time, but for the last quarter, when it may leave."""
+    if not len(hidden):
+        return False
+    lasting = hidden[: max(1, 3 * len(hidden) // 4)].mean(axis=0) >= STAYING
+    return bool(lasting.mean() > SHARE)
 
 
 def _leading(there: Bool[np.ndarray, " T"]) -> int:

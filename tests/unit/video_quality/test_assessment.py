@@ -116,6 +116,14 @@ def test_a_hand_at_the_end_is_found() -> None:
     assert found.end_s == pytest.approx(5.0, abs=2.0 / RATE)
 
 
+def test_a_swing_that_comes_to_rest_is_no_hand() -> None:
+    moving, still = swing(seconds=4.0)[0], swing(seconds=10.0, amplitude=0.0)[0]
+    frames = np.concatenate([moving, still])
+    found = check(frames, np.arange(len(frames)) / RATE)
+    assert found.visit is None
+    assert found.skip_s is None
+
+
 @pytest.mark.parametrize(("samples", "words"), [(2.7, "near the Nyquist limit"), (6.3, "8 or more")])
 def test_too_few_samples_a_period(samples: float, words: str) -> None:
     found = checked(period_s=samples / RATE, seconds=8.0, amplitude=0.12)
