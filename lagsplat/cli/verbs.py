@@ -44,13 +44,14 @@ def inspect(given: Namespace) -> None:
     if not words or "=" in words[0]:
         raise CommandError("name a file: lagsplat inspect FILE, or a folder of videos or images")
     path = Path(words[0]).expanduser()
+    keys, overrides = split_words(words[1:], allowed=("sheet",))
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder; check the path")
-    survey = _survey_numbers(path, words[1:])
+    survey = _survey_numbers(path, overrides)
     if survey:
         print(survey)
         cameras = ("recording.mcap.camera=", "recording.lerobot.camera=")
-        if not any(word.startswith(cameras) for word in words):
+        if not any(word.startswith(cameras) for word in overrides):
             return
         print()
     from lagsplat.io.read import read_recording
@@ -60,10 +61,7 @@ def inspect(given: Namespace) -> None:
     from lagsplat.pipelines.steps import reading_overrides
     from lagsplat.report.inspection.recording import describe_recording, describe_video
 
-    sheets = [word.removeprefix("sheet=") for word in words[1:] if word.startswith("sheet=")]
-    experiment = compose(
-        *reading_overrides(path), *(word for word in words[1:] if not word.startswith("sheet="))
-    )
+    experiment = compose(*reading_overrides(path), *overrides)
     settings, is_artefact = experiment.recording, path.suffix == ".safetensors"
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -79,7 +77,7 @@ def inspect(given: Namespace) -> None:
             if text.partition(": ")[2] not in description:
                 print(f"warning    {text}")
         if settings.kind == "video":
-            sheet = Path(sheets[-1] if sheets else f"{path.stem}_inspected.png").expanduser()
+            sheet = Path(keys.get("sheet") or f"{path.stem}_inspected.png").expanduser()
             _propose_from_video(recording, settings, path=path, sheet=sheet)
 
 

@@ -86,9 +86,9 @@ def read_first_image(clip: VideoClip, *, dt_s: float | None, rotate: int = 0) ->
     return cv2.cvtColor(rotate_image(picture, rotate), cv2.COLOR_BGR2RGB)
 
 
-def read_frame_size(clip: VideoClip, *, dt_s: float | None) -> tuple[int, int]:
-    """Rows and columns of a clip's first image, rotated as its tag says; errors as `read_first_image`."""
-    rows, columns = read_first_image(clip, dt_s=dt_s).shape[:2]
+def read_frame_size(clip: VideoClip, *, dt_s: float | None, rotate: int = 0) -> tuple[int, int]:
+    """Rows and columns of a clip's first image; arguments and errors as of `read_first_image`."""
+    rows, columns = read_first_image(clip, dt_s=dt_s, rotate=rotate).shape[:2]
     return rows, columns
 
 

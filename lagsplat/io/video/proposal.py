@@ -48,9 +48,7 @@ def choose_frame_size(path: StrPath, settings: RecordingConfig) -> RecordingConf
     """
     if settings.height is not None:
         return settings
-    rows, columns = read_frame_size(find_clips(path)[0], dt_s=settings.dt_s)
-    if settings.rotate % 180:
-        rows, columns = columns, rows
+    rows, columns = read_frame_size(find_clips(path)[0], dt_s=settings.dt_s, rotate=settings.rotate)
     if settings.crop is not None:
         columns, rows = settings.crop[2:]
     height, width = fit_frame(rows, columns)

@@ -152,9 +152,7 @@ def _with_common_size(clips: Sequence[VideoClip], settings: FrameSettings) -> Fr
     """The same settings, with a size that suits all clips."""
     if len(clips) == 1:
         return settings
-    sizes = [read_frame_size(clip, dt_s=settings.dt_s) for clip in clips]
-    if settings.rotate % 180:
-        sizes = [(columns, rows) for rows, columns in sizes]
+    sizes = [read_frame_size(clip, dt_s=settings.dt_s, rotate=settings.rotate) for clip in clips]
     if len(set(sizes)) == 1:
         return settings
     named = zip(clips, sizes, strict=True)

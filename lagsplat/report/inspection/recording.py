@@ -52,11 +52,8 @@ def _describe_size(recording: Recording) -> str:
     own = f"{recording.width} x {recording.height} px"
     first, *_ = recording.meta.get("clips") or [{}]
     rows, columns = first.get("picture_px", (recording.height, recording.width))
-    return (
-        own
-        if (rows, columns) == (recording.height, recording.width)
-        else f"{columns} x {rows} px, read as {own}"
-    )
+    whole = f"{columns} x {rows} px"
+    return own if whole == own else f"{whole}, read as {own}"
 
 
 def _describe_colours(recording: Recording) -> str:

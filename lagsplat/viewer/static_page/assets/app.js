@@ -106,10 +106,11 @@ function show(page, now) {
   if (page.outlined !== page.view.looks) drawOutline(page);
   showHand(page);
   showVelocity(page);
-  const banner = session.banner();
+  const beyond = session.isBeyond(); // looks at all of the recording
+  const banner = session.banner(beyond);
   byId("banner").textContent = banner;
   byId("banner").classList.toggle("said", banner !== "");
-  page.picture.classList.toggle("beyond", session.isBeyond());
+  page.picture.classList.toggle("beyond", beyond);
   if (page.frames % 3 === 0) Object.values(charts).forEach((chart) => chart.draw());
   if (now > page.counted + 1000) showRates(page, now);
 }

@@ -113,10 +113,10 @@ class PageSession {
   isBeyond() {
     return !this.stopped && uncovered(this.q, this.run.coverage) > 1;
   }
-  /** What must be said of this state, or nothing. */
-  banner() {
+  /** What must be said of this state, which may be `beyond` the recording, or nothing. */
+  banner(beyond = this.isBeyond()) {
     if (this.stopped) return "The motion diverged and the integration stopped. Press Rest, or undo the edits.";
-    if (this.isBeyond())
+    if (beyond)
       return "Beyond the recording: the camera never saw such a state, and what you see is a guess.";
     if (this.grip?.isUndetermined())
       return "Not determined by this recording: laws that fit it as well take this point elsewhere.";
