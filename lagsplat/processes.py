@@ -1,4 +1,4 @@
-"""Processes that end with the one that started them: jobs of a workflow, and the tools that jobs run.
+"""How processes end: with the one that started them, as jobs of a workflow do, or by a signal.
 
 A Snakemake that is killed leaves its jobs running, and they would write beside those of the next run. So
 each Snakemake process, the one on a node of a cluster included, announces itself to what it starts, and a job
@@ -6,12 +6,15 @@ asks the kernel to be killed with it. Linux alone can do this; elsewhere a job g
 the next run out (`lagsplat.io.files.lease`).
 """
 
+import contextlib
 import ctypes
 import os
+import queue
 import select
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,6 +51,19 @@ def end_with_driver() -> None:
 def ends_with_this_process() -> dict[str, Any]:
     """Arguments for `subprocess` with which a child is killed when the thread that starts it ends."""
     return {"preexec_fn": partial(_end_with_parent, os.getpid())} if sys.platform == "linux" else {}
+
+
+@contextlib.contextmanager
+def receive_signals() -> Iterator["queue.SimpleQueue[signal.Signals]"]:
+    """Queue SIGINT and SIGTERM while the block runs, instead of acting; the main thread alone can."""
+    received: queue.SimpleQueue[signal.Signals] = queue.SimpleQueue()
+    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    earlier = {n: signal.signal(n, lambda number, _: received.put(signal.Signals(number))) for n in numbers}
+    try:
+        yield received
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -1,6 +1,7 @@
 """From the folder of a fitted run to a place where it can be pushed: live, or as one page."""
 
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import compute_missing_acceleration
 from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
+from lagsplat.processes import receive_signals
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.viewer.simulation.history import read_recorded_data
@@ -67,11 +69,13 @@ def view(
         folder=folder if out is None else Path(out),
         residual=None if diagnosis is None else _residual(Path(diagnosis), session),
     )
-    print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
-    if browser:
-        server.open_browser()
-    reason = server.wait()
+    with receive_signals() as received:
+        print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
+        if browser:
+            server.open_browser()
+        number = received.get()
     server.stop()
+    reason = "Ctrl-C" if number == signal.SIGINT else number.name
     print(f"{title}: ended by {reason}; saved sessions are in {server.folder}", flush=True)
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import logging
-import signal
 import socket
 import threading
 import time
@@ -73,19 +72,6 @@ class ViewerServer:
         """Open the page in the system's browser, if there is one."""
         with contextlib.suppress(webbrowser.Error):
             webbrowser.open(self.url)
-
-    def wait(self) -> str:
-        """Serve until interrupted, or until SIGTERM where this is the main thread; returns by which."""
-        told, main = threading.Event(), threading.current_thread() is threading.main_thread()
-        earlier = signal.signal(signal.SIGTERM, lambda *_: told.set()) if main else None
-        try:
-            told.wait()
-        except KeyboardInterrupt:
-            return "Ctrl-C"
-        finally:
-            if main:
-                signal.signal(signal.SIGTERM, earlier)
-        return "SIGTERM"
 
     def stop(self) -> None:
         """Stop the loop and the server, after a session that is being saved."""
