@@ -183,8 +183,8 @@ class PushConfig:
 class SceneConfig:
     """The background and the camera, which is ``distance`` [m] from ``target``, (x, y) [m]."""
 
-    background: str  # a photograph of scikit-image
-    background_width: float  # of the photograph on the wall [m]
+    background: str  # a wall of `systems.rendering.workshop.WALLS`
+    background_width: float  # of that wall [m]
     behind: float  # from the plane of motion to the wall [m]
     target: list[float]
     distance: float

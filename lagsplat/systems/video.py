@@ -14,7 +14,8 @@ from lagsplat.systems.config import ReleaseConfig
 from lagsplat.systems.dynamics import Series
 from lagsplat.systems.mechanism import Poses, make_mechanism
 from lagsplat.systems.rendering import painting
-from lagsplat.systems.rendering.textures import SHAPES, photograph
+from lagsplat.systems.rendering.textures import SHAPES
+from lagsplat.systems.rendering.workshop import draw_wall
 from lagsplat.video_quality.frames import FrameSettings
 from lagsplat.views.camera import Camera, ViewSpace, arrange_cameras, look_at
 from lagsplat.views.config import ArrangementConfig
@@ -37,7 +38,7 @@ def make_camera(config: ReleaseConfig) -> Camera:
 
 def set_up_scene(config: ReleaseConfig, camera: Camera) -> tuple[painting.Image, list[painting.DrawnBody]]:
     """The wall from a camera, and the bodies at its scale."""
-    wall = painting.paint_backdrop(photograph(config.scene.background), camera, config.scene)
+    wall = painting.paint_backdrop(draw_wall(config.scene.background), camera, config.scene)
     return wall, draw_bodies(config, camera)
 
 

@@ -1,4 +1,4 @@
-"""Render simulated systems: a shaded soft arm before a board, and flat bodies before a photograph.
+"""Render simulated systems: a shaded soft arm before a board, and flat bodies before a wall.
 
 Each sample of an arm's pixel is mapped to arc length ``s`` and lateral offset ``n`` [m] of each part, so that
 shading follows the deformation. A part's edge is a linear ramp one sample wide, so that the image is
@@ -189,15 +189,15 @@ class DrawnBody:
     layers: int
 
 
-def paint_backdrop(photo: Image, camera: Camera, scene: SceneConfig) -> Image:
-    """The wall from a camera: a photograph around the scene's target, behind the plane of motion."""
-    rows, columns = photo.shape[:2]
+def paint_backdrop(wall: Image, camera: Camera, scene: SceneConfig) -> Image:
+    """The wall from a camera, around the scene's target, behind the plane of motion."""
+    rows, columns = wall.shape[:2]
     size = scene.background_width / columns
     right, down = size * np.eye(3)[0], size * np.eye(3)[1]
     x, y = scene.target
     corner = np.array([x - 0.5 * scene.background_width, y - 0.5 * size * rows, scene.behind])
     map_ = camera.of_plane(corner, right, down)
-    return _warp(photo, map_, (0, 0, camera.width, camera.height), cv2.BORDER_REFLECT_101)
+    return _warp(wall, map_, (0, 0, camera.width, camera.height), cv2.BORDER_REFLECT_101)
 
 
 def paint_bodies(

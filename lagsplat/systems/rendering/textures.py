@@ -1,7 +1,7 @@
 """Textured flat bodies: images with coverage, drawn once and moved by `painting`.
 
 Every body has its own coordinates [m], x to the right and y down, with its hinge, or its runner's centre, at
-the origin. Textures are photographs from scikit-image.
+the origin. Surfaces have a grain of noise.
 """
 
 from collections.abc import Callable
@@ -11,10 +11,9 @@ from itertools import pairwise
 import cv2
 import numpy as np
 from jaxtyping import Float32
-from skimage import data
 
 OVERSAMPLING = 4
-PHOTOGRAPHS = ("astronaut", "brick", "cat", "coffee", "grass", "gravel", "rocket")  # need no download
+GRAINS = {"speckle": (24, 24), "wood": (6, 90)}  # patches of the coarsest noise down and across
 RAINBOW = ((0.80, 0.16, 0.15), (0.93, 0.55, 0.12), (0.95, 0.83, 0.22), (0.22, 0.60, 0.30), (0.16, 0.36, 0.66))
 Color = tuple[float, float, float]
 Point = tuple[float, float]
@@ -29,16 +28,15 @@ class Sprite:
     scale: float  # pixels per metre
 
 
-def photograph(name: str) -> Float32[np.ndarray, "h w 3"]:
-    """A photograph of scikit-image by its name, colours in [0, 1].
-
-    Raises:
-        ValueError: scikit-image has no such image.
-    """
-    if name not in PHOTOGRAPHS:
-        raise ValueError(f"no photograph {name!r}; choose one of {', '.join(PHOTOGRAPHS)}")
-    image = np.asarray(getattr(data, name)(), dtype=np.float32) / np.float32(255)
-    return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(image), (*image.shape[:2], 3)))
+def make_grain(name: str, shape: tuple[int, int]) -> Float32[np.ndarray, "h w"]:
+    """Noise of zero mean and unit deviation for a surface: octaves of half the size and 0.7 of the height."""
+    generator, size = np.random.default_rng(0), shape[1::-1]
+    grain = np.zeros(shape, np.float32)
+    for octave in range(4):
+        rows, columns = (patches << octave for patches in GRAINS[name])
+        noise = generator.standard_normal((rows, columns), np.float32)
+        grain += 0.7**octave * cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
+    return (grain - grain.mean()) / np.float32(grain.std())
 
 
 class Drawing:
@@ -58,9 +56,11 @@ class Drawing:
 
     def polygon(self, points: np.ndarray, color: Color) -> None:
         """Draw a filled polygon."""
-        mask = np.zeros(self.cover.shape, np.uint8)
-        cv2.fillPoly(mask, [np.round((points - self.corner) * self.fine).astype(np.int32)], 255)
-        self._fill(mask > 0, color)
+        corners = np.round((points - self.corner) * self.fine).astype(np.int32)
+        part, first = self._part(corners.min(axis=0), corners.max(axis=0) + 1)
+        mask = np.zeros(self.cover[part].shape, np.uint8)
+        cv2.fillPoly(mask, [corners - first], 255)
+        self._fill(part, mask > 0, color)
 
     def line(self, start: Point, stop: Point, width: float, color: Color) -> None:
         """Draw a straight bar with round ends."""
@@ -75,24 +75,29 @@ class Drawing:
         self, middle: Point, inner: float, outer: float, color: Color, *, lower_half: bool = False
     ) -> None:
         """Draw an annulus, or only its lower half."""
-        rows, columns = np.indices(self.cover.shape, dtype=np.float32)
-        x = (columns + 0.5) / self.fine + self.corner[0] - middle[0]
-        y = (rows + 0.5) / self.fine + self.corner[1] - middle[1]
+        center = (np.array(middle) - self.corner) * self.fine
+        part, first = self._part(np.floor(center - outer * self.fine), np.ceil(center + outer * self.fine))
+        rows, columns = np.indices(self.cover[part].shape, dtype=np.float32)
+        x = (columns + first[0] + 0.5) / self.fine + self.corner[0] - middle[0]
+        y = (rows + first[1] + 0.5) / self.fine + self.corner[1] - middle[1]
         distance = np.hypot(x, y)
         inside = (distance >= inner) & (distance <= outer)
-        self._fill(inside & (y >= 0) if lower_half else inside, color)
+        self._fill(part, inside & (y >= 0) if lower_half else inside, color)
 
-    def _fill(self, where: np.ndarray, color: Color) -> None:
-        self.color[where] = color
-        self.cover[where] = 1.0
+    def _part(self, first: np.ndarray, last: np.ndarray) -> tuple[tuple[slice, slice], np.ndarray]:
+        """The rows and columns of the canvas between two corners (x, y), and the first of them."""
+        (left, top), (right, bottom) = np.clip([first, last], 0, self.cover.shape[::-1]).astype(int)
+        return (slice(top, bottom), slice(left, right)), np.array([left, top], np.int32)
+
+    def _fill(self, part: tuple[slice, slice], where: np.ndarray, color: Color) -> None:
+        self.color[part][where] = color
+        self.cover[part][where] = 1.0
 
     def finish(self, *, texture: str | None, contrast: float) -> Sprite:
-        """The sprite, its colours modulated by a photograph of this contrast."""
-        color = self.color
+        """The sprite, its colours modulated by a grain of this contrast."""
+        color: Float32[np.ndarray, "h w 3"] = self.color
         if texture is not None:
-            grain = photograph(texture).mean(axis=2)
-            grain = cv2.resize(grain, color.shape[1::-1], interpolation=cv2.INTER_AREA)
-            color = color * (1 + contrast * (grain - grain.mean()) / grain.std())[:, :, None]
+            color = color * (1 + contrast * make_grain(texture, self.cover.shape))[:, :, None]
         rgba = np.dstack([np.clip(color, 0, 1) * self.cover[:, :, None], self.cover])
         size = (rgba.shape[1] // OVERSAMPLING, rgba.shape[0] // OVERSAMPLING)
         small = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -107,7 +112,7 @@ def bob(size_m: list[float], scale: float) -> Sprite:
     drawing.line((0.0, 0.0), (0.0, rod), 0.22, (0.75, 0.74, 0.72))
     drawing.ring((0.0, rod), 0.0, 1.0, (0.75, 0.22, 0.16))
     drawing.ring((0.25, rod - 0.25), 0.0, 0.35, (0.92, 0.62, 0.40))
-    return drawing.finish(texture="gravel", contrast=0.06)
+    return drawing.finish(texture="speckle", contrast=0.06)
 
 
 def link(size_m: list[float], scale: float) -> Sprite:
@@ -117,7 +122,7 @@ def link(size_m: list[float], scale: float) -> Sprite:
     drawing.line((0.0, 0.0), (0.0, bar), 1.0, (0.78, 0.62, 0.36))
     drawing.ring((0.0, 0.0), 0.0, 0.42, (0.15, 0.15, 0.18))
     drawing.ring((0.0, bar), 0.0, 0.75, (0.13, 0.38, 0.66))
-    return drawing.finish(texture="brick", contrast=0.05)
+    return drawing.finish(texture="wood", contrast=0.05)
 
 
 def strap(size_m: list[float], scale: float) -> Sprite:
@@ -140,7 +145,7 @@ def bag(size_m: list[float], scale: float) -> Sprite:
     drawing.line((-0.34 * wide, 0.57), (0.34 * wide, 0.57), 0.035, (0.9, 0.72, 0.25))
     drawing.line((-0.3 * wide, 0.22), (0.1 * wide, 0.22), 0.03, (0.85, 0.85, 0.82))
     drawing.ring((0.2 * wide, 0.33), 0.0, 0.07, (0.80, 0.30, 0.22))
-    return drawing.finish(texture="gravel", contrast=0.10)
+    return drawing.finish(texture="speckle", contrast=0.10)
 
 
 def rainbow(size_m: list[float], scale: float) -> Sprite:
@@ -150,7 +155,7 @@ def rainbow(size_m: list[float], scale: float) -> Sprite:
     for color, (big, small) in zip(RAINBOW, pairwise(edges), strict=True):
         drawing.ring((0.0, 0.0), small, big, color, lower_half=True)
     drawing.line((-0.62, 0.0), (-0.62, -0.3), 0.16, (0.72, 0.55, 0.34))
-    return drawing.finish(texture="grass", contrast=0.05)
+    return drawing.finish(texture="speckle", contrast=0.05)
 
 
 def chair(size_m: list[float], scale: float) -> Sprite:
@@ -170,7 +175,7 @@ def chair(size_m: list[float], scale: float) -> Sprite:
     for share in (0.4, 0.7):
         x, y = -0.28 - 0.17 * share, seat + share * (back - seat)
         drawing.line((x, y), (x + 0.08, y + 0.12), 0.035, dark)
-    return drawing.finish(texture="brick", contrast=0.05)
+    return drawing.finish(texture="wood", contrast=0.05)
 
 
 SHAPES: dict[str, Callable[[list[float], float], Sprite]] = {

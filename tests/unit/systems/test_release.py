@@ -12,7 +12,8 @@ from lagsplat.systems.config import PushConfig, ReleaseClipConfig, ReleaseConfig
 from lagsplat.systems.mechanism import make_mechanism
 from lagsplat.systems.release import simulate_release
 from lagsplat.systems.rendering.painting import DrawnBody, paint_bodies
-from lagsplat.systems.rendering.textures import SHAPES, photograph
+from lagsplat.systems.rendering.textures import SHAPES
+from lagsplat.systems.rendering.workshop import WALLS, draw_wall
 from lagsplat.systems.simulate import resize_simulation, simulate_system
 from lagsplat.systems.truth import load_truth, save_truth
 from lagsplat.systems.video import film_clips, make_camera
@@ -113,9 +114,21 @@ def test_a_codec_that_cannot_be_written_is_named() -> None:
         simulate_release(replace(config, scene=replace(config.scene, codec="HFYU")), seed=0)
 
 
-def test_an_unknown_photograph_is_refused() -> None:
-    with pytest.raises(ValueError, match="no photograph 'moonbase'; choose one of astronaut"):
-        photograph("moonbase")
+def test_an_unknown_wall_is_refused() -> None:
+    with pytest.raises(ValueError, match="no wall 'moonbase'; choose one of bricks, pegboard"):
+        draw_wall("moonbase")
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_a_wall_has_texture_everywhere_and_clips_nowhere(name: str) -> None:
+    wall = draw_wall(name)
+    assert wall.shape == (600, 900, 3)
+    assert wall.min() >= 0.0
+    assert wall.max() <= 1.0
+    patches = wall.reshape(6, 100, 9, 100, 3).std(axis=(1, 3))
+    assert patches.min() > 0.01, "a camera of 8 bits sees something in every patch"
+    with pytest.raises(ValueError, match="read-only"):
+        wall[0, 0] = 0.0
 
 
 @pytest.mark.parametrize(
