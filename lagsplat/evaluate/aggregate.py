@@ -13,6 +13,7 @@ from scipy.special import stdtrit
 SPREAD_OVER_SEEDS = "median and range over seeds"
 SPREAD_OVER_WINDOWS = "one seed, 95 % interval over windows"
 MEASURED = ("ae_floor", "mse_half_second", "mse_ahead", "frequency_error", "latent_nrmse", "image_ratio")
+MEAN_IMAGE = "Mean image"  # the simple predictor that a model must beat to have converged
 SERIES = {"mse_half_second": ("forecast", "per_window"), "image_mse": ("latent", "per_window_image")}
 
 

@@ -375,6 +375,8 @@ def road_to(stage: str, experiment: Config) -> Road:
         "forecaster": (experiment.forecaster, "forecaster"),
         "forecaster_read": (extrapolation, "extrapolate_forecaster"),
         "forecaster_table": (None, "extrapolation"),
+        "simple": (experiment.evaluate, "simple_predictors"),
+        "simple_table": (None, "table"),
         "ode": (experiment.ode, "ode"),
         "ode_read": (extrapolation, "extrapolate_ode"),
         "ode_table": (None, "extrapolation"),
@@ -399,6 +401,7 @@ def road_to(stage: str, experiment: Config) -> Road:
 TRUNK_BEFORE = {
     "baseline": ("recording",),
     "forecaster": ("recording",),
+    "simple": ("recording", "views", "stage1", "chart"),
     "ode": ("recording", "stage1", "chart"),
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),

@@ -138,6 +138,21 @@ def krauss_runs():
     return [run for run in planned() if section("system.film")(run) == "krauss"]
 
 
+def image_models(runs):
+    """Wildcards of every autoencoder of these runs, each once."""
+    keys = ("profile", "recording", "system", "stage1", "ae")
+    every = [{key: run[key] for key in keys} for run in runs]
+    return [model for place, model in enumerate(every) if model not in every[:place]]
+
+
+def simple_predictors(chosen, output):
+    """An input function: one output of the simple predictors for every autoencoder of the chosen runs."""
+    return lambda wildcards: [
+        rules.simple_predictors.output[output].format(**model)
+        for model in image_models(chosen())
+    ]
+
+
 def baseline_runs():
     """Wildcards of every baseline beside them."""
     return [asdict(run) for run in planned_baselines(overrides)]

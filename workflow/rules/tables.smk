@@ -1,6 +1,8 @@
 rule table:
     input:
         metrics=gathered(krauss_runs, "metrics"),
+        simple=simple_predictors(krauss_runs, "metrics"),
+        simple_records=simple_predictors(krauss_runs, "record"),
         baselines=lambda wildcards: [
             rules.baseline_evaluate.output.metrics.format(**run)
             for run in baseline_runs()
@@ -32,10 +34,12 @@ rule table:
         runtime=10,
     params:
         runs=lambda wildcards: krauss_runs(),
+        image_models=lambda wildcards: image_models(krauss_runs()),
         baselines=lambda wildcards: baseline_runs(),
         titles=lambda wildcards: titles(krauss_runs()),
         before=lambda wildcards: [
             *(before("table")(run) for run in krauss_runs()),
+            *(before("simple_table")(model) for model in image_models(krauss_runs())),
             *(before("baseline_table")(run) for run in baseline_runs()),
         ],
         code=script_digest(SCRIPTS / "report/table.py"),
@@ -117,6 +121,8 @@ rule recipes:
 rule physical:
     input:
         metrics=gathered(main_runs, "metrics"),
+        simple=simple_predictors(main_runs, "metrics"),
+        simple_records=simple_predictors(main_runs, "record"),
         records=gathered(main_runs, "record"),
     output:
         tex="results/tables/physical.tex",
@@ -139,8 +145,12 @@ rule physical:
         runtime=10,
     params:
         runs=lambda wildcards: main_runs(),
+        image_models=lambda wildcards: image_models(main_runs()),
         titles=lambda wildcards: titles(main_runs()),
-        before=lambda wildcards: [before("table")(run) for run in main_runs()],
+        before=lambda wildcards: [
+            *(before("table")(run) for run in main_runs()),
+            *(before("simple_table")(model) for model in image_models(main_runs())),
+        ],
         code=script_digest(SCRIPTS / "report/physical.py"),
     message:
         "Gather the free rollouts of every system in one table"

@@ -54,6 +54,30 @@ def build_rows(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, An
     return rows
 
 
+def build_simple_rows(
+    runs: Sequence[Mapping[str, Any]], simple: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Build one row for each simple predictor on each recording, over the autoencoders that drew it.
+
+    ``runs`` are the wildcards of the autoencoders, ``simple`` for each of them what
+    `lagsplat.evaluate.simple_predictors.evaluate_simple_predictors` gave.
+    """
+    groups: dict[tuple[RunGroup, str], list[dict[str, Any]]] = {}
+    for run, predictors in zip(runs, simple, strict=True):
+        group = RunGroup(*(str(run[name]) for name in RunGroup._fields))
+        for name, scores in predictors.items():
+            groups.setdefault((group, name), []).append(scores)
+    return [
+        build_row(
+            aggregate(members),
+            robot=group.system,
+            method=name + name_changes(group.stage1, "default"),
+            **group.place,
+        )
+        for (group, name), members in groups.items()
+    ]
+
+
 def name_changes(stage1: str, stage2: str) -> str:
     """Name the settings that are not the default, such as `` (constant)``; empty where all are."""
     changed = ", ".join(name for name in (stage1, stage2) if name != "default")

@@ -6,10 +6,11 @@ from typing import Any
 import pandas as pd
 
 from lagsplat.baselines.config import BASELINE_TITLES
-from lagsplat.evaluate.aggregate import MEASURED, SERIES, aggregate, paired_margin
+from lagsplat.evaluate.aggregate import MEAN_IMAGE, MEASURED, SERIES, aggregate, paired_margin
 from lagsplat.report.common import table_rows
 from lagsplat.report.common.printed_table import (
     PrintedTable,
+    Row,
     lay_out,
     make_count_column,
     make_number_column,
@@ -18,11 +19,12 @@ from lagsplat.report.common.printed_table import (
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
 
 MARGIN_SCORE = "mse_half_second"
+UNCONVERGED = "†"
 DEFAULT_DYNAMICS = "default"  # conf/stage2/default.yaml: the dynamics that baselines are compared with
 CONSTANT_DYNAMICS = "constant"  # conf/stage2/constant.yaml
 BENCHMARK_COLUMNS = (
     *("robot", "method", "dynamics", "d", *MEASURED, "margin", "margin_low", "margin_high", "external_force"),
-    *("diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
+    *("converged", "diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
     *("rollouts", "source"),
 )
 MARGIN_COLUMNS = (
@@ -36,12 +38,14 @@ def build_benchmark_rows(
     metrics: Sequence[dict[str, Any]],
     baseline_runs: Sequence[Mapping[str, Any]],
     baseline_metrics: Sequence[dict[str, Any]],
+    simple_rows: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Build the rows of `build_rows`, and one for each baseline on each recording.
+    """Build the rows of `build_rows`, then ``simple_rows``, and one for each baseline on each recording.
 
     A baseline's row has ``margin``: how much lower our half-second image error is on the same starts, with
     its 95 % interval over starts (``margin_low``, ``margin_high``) and seeds averaged on both sides. It is
-    empty where there is no run of ours on that recording.
+    empty where there is no run of ours on that recording, and where the baseline has not ``converged``: its
+    error is not below that of the mean training image, so beating it tells nothing.
 
     Raises:
         ValueError: a baseline and a run of ours were scored on different starts of one recording.
@@ -54,12 +58,21 @@ def build_benchmark_rows(
     for run, scores in zip(baseline_runs, baseline_metrics, strict=True):
         key = tuple(str(run[name]) for name in ("system", "recording", "profile", "baseline"))
         baselines.setdefault(key, []).append(scores)
-    rows = table_rows.build_rows(runs, metrics)
+    rows = [*table_rows.build_rows(runs, metrics), *simple_rows]
+    of_mean = {
+        (row["robot"], row["recording"], row["profile"]): row["mse_half_second"]
+        for row in simple_rows
+        if row["method"] == MEAN_IMAGE
+    }
     for (robot, recording, profile, name), members in baselines.items():
         names = {"robot": robot, "recording": recording, "profile": profile}
         row = table_rows.build_row(aggregate(members), method=BASELINE_TITLES.get(name, name), **names)
-        beside = ours.get((robot, recording, profile), [])
-        rows.append(row | table_rows.measure_margin(beside, members, MARGIN_SCORE))
+        beside, mean = (found.get((robot, recording, profile)) for found in (ours, of_mean))
+        converged = None if mean is None else row["mse_half_second"] < mean
+        margin = table_rows.measure_margin(
+            (beside or []) if converged is not False else [], members, MARGIN_SCORE
+        )
+        rows.append(row | margin | {"converged": converged})
     return rows
 
 
@@ -106,7 +119,9 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
         "block": lambda row: table_rows.name_block(row, titles, key="robot"),
         "compared": ("robot", "recording"),
     }
-    method = make_text_column("Method", lambda row: row["method"].removesuffix(" (paper)"))
+    unconverged = any(row.get("converged") is False for row in table.to_dict("records"))
+    note = f"{UNCONVERGED}: no better than the mean image, so not converged, and no gain over it is given."
+    method = make_text_column("Method", _name_method, note=note if unconverged else "")
     scores = [
         method,
         make_count_column("d", "Dim."),
@@ -153,3 +168,8 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
         lay_out(table, scores, label="tab:krauss", lead=f"{lead}.", notes=paper, **shared),
         lay_out(table, rest, label="tab:krauss-rest", lead=f"{lead}: models and forces.", **shared),
     ]
+
+
+def _name_method(row: Row) -> str:
+    name = str(row["method"]).removesuffix(" (paper)")
+    return f"{name} {UNCONVERGED}" if row.get("converged") is False else name

@@ -51,7 +51,7 @@ PAPER_ROBOT = "krauss_2seg"
 
 PHYSICAL_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
 PHYSICAL_COLUMNS = (
-    *("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds", "rollouts"),
+    *("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds", "rollouts", "method"),
 )
 
 RECIPE_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "mse_half_second")
@@ -307,19 +307,16 @@ def _make_rollout_columns() -> list[Column]:
 
 
 def build_physical_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Build the table of our rows and the paper's own, system by system; the rows are those of `build_rows`.
+    """Build the table of the rows and the paper's own, system by system; see `build_rows`.
 
-    The columns are `PHYSICAL_COLUMNS`, then ``dynamics`` if there are any but the default, then ``_low`` and
-    ``_high`` of each score that has a spread.
+    The columns are `PHYSICAL_COLUMNS`, then ``_low`` and ``_high`` of each score that has a spread.
 
     Raises:
         ValueError: no row.
     """
     frame = table_rows.merge_with_published(rows).rename(columns={"robot": "system"})
-    several = {row["method"] for row in rows} - {"LaGSplat"}
-    frame["dynamics"] = [_name_dynamics(row) for row in frame.to_dict("records")]
     spread = table_rows.list_spread_columns(frame, PHYSICAL_SCORES)
-    return frame.reindex(columns=[*PHYSICAL_COLUMNS, *(["dynamics"] if several else []), *spread])
+    return frame.reindex(columns=[*PHYSICAL_COLUMNS, *spread])
 
 
 def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
@@ -327,14 +324,8 @@ def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[
 
     Source: paper, Table "Free rollouts".
     """
-
-    def name_system(row: Row) -> str:
-        title, dynamics = titles.get(row["system"], row["system"]), row.get("dynamics")
-        named = isinstance(dynamics, str) and row["recording"] != RECORDING
-        return f"{title}, {dynamics}" if named else title
-
     columns = [
-        make_text_column("System", name_system, wrap_em=12),
+        make_text_column("Method", lambda row: str(row["method"]).removesuffix(" (paper)")),
         make_count_column("d", "Dim."),
         *_make_rollout_columns(),
         _make_ratio_column(),
@@ -348,18 +339,12 @@ def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[
             label="tab:physical",
             lead="Free rollouts over two natural periods of the held-out part.",
             caption=table_rows.describe_runs(table),
-            block=lambda row: f"{row['recording'][:1].upper()}{row['recording'][1:]}",
+            block=lambda row: table_rows.name_block(row, titles),
             notes=["Films and simulations are different recordings, and cannot be compared."]
             if table["recording"].nunique() > 1
             else [],
         )
     ]
-
-
-def _name_dynamics(row: Mapping[Any, Any]) -> str:
-    """The kind of dynamics, with the names of the settings that are not the default, or the paper."""
-    changed = str(row["method"]).removeprefix("LaGSplat").strip()
-    return f"{row['dynamics']} {changed}".strip()
 
 
 def build_guarantee_table(

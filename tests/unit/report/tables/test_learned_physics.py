@@ -4,7 +4,7 @@ import pytest
 
 from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.common.published_values import SYSTEMS
-from lagsplat.report.common.table_rows import build_rows, build_table
+from lagsplat.report.common.table_rows import build_rows, build_simple_rows, build_table
 from lagsplat.report.tables.learned_physics import (
     MASS_COLUMNS,
     PHYSICAL_COLUMNS,
@@ -151,6 +151,7 @@ def test_the_first_columns_are_those_agreed(rows):
         "profile",
         "n_seeds",
         "rollouts",
+        "method",
     )
     frame = build_physical_table(rows)
     assert tuple(frame.columns) == (*PHYSICAL_COLUMNS, "frequency_error_low", "frequency_error_high")
@@ -164,12 +165,11 @@ def test_every_system_stands_beside_its_row_of_the_paper(rows):
     assert (frame["n_seeds"][2], frame["diverged"][2]) == (2, 2)
 
 
-def test_another_dynamics_is_named_in_a_column_of_its_own(rows):
+def test_other_dynamics_and_simple_predictors_are_methods_of_their_own(rows):
     runs = [names(0, system="pendulum"), names(0, system="pendulum", stage2="constant")]
-    metrics = [run(0, d=1), run(0, d=1) | {"dynamics": "linear"}]
-    frame = build_physical_table(build_rows(runs, metrics))
-    assert frame.columns[len(PHYSICAL_COLUMNS)] == "dynamics"
-    assert frame["dynamics"].tolist() == ["nonlinear", "linear (constant)", "nonlinear (paper)"]
+    simple = build_simple_rows(runs[:1], [{"Hold": run(0, d=1)}])
+    frame = build_physical_table([*build_rows(runs, [run(0, d=1)] * 2), *simple])
+    assert frame["method"].tolist() == ["LaGSplat", "LaGSplat (constant)", "Hold", "LaGSplat (paper)"]
 
 
 def test_the_paper_has_seven_systems_ordered_by_dimension():
@@ -180,12 +180,16 @@ def test_the_paper_has_seven_systems_ordered_by_dimension():
 def test_every_recording_has_its_block(rows):
     (table,) = lay_out_physical(build_physical_table(rows), titles={"pendulum": "Pendulum & co"})
     assert [(title, len(lines)) for title, lines in table.blocks] == [
-        ("Simulated", 3),
-        ("Filmed, the paper's", 2),
+        ("Pendulum & co (simulated)", 1),
+        ("Pendulum & co (filmed, the paper's)", 1),
+        ("Krauss_2seg (simulated)", 1),
+        ("Krauss_2seg (filmed, the paper's)", 1),
+        ("Toy (simulated)", 1),
     ]
     text = format_latex(table)
-    assert r"Pendulum \& co & 1 & 2.00 & 19.0 & 12.5 & 0.410 & 1/101" in text
-    assert r"Pendulum \& co & 1 & 3.40 & 30.8 & 14.5 & 0.930 & --" in text
+    assert r"\emph{Pendulum \& co (simulated)}" in text
+    assert r"LaGSplat & 1 & 2.00 & 19.0 & 12.5 & 0.410 & 1/101" in text
+    assert r"LaGSplat & 1 & 3.40 & 30.8 & 14.5 & 0.930 & --" in text
 
 
 def test_recipes_stand_under_their_system_with_the_minutes_they_took():

@@ -1,0 +1,175 @@
+"""Forecasts that a model must beat to have learned anything: no training, or one least-squares fit.
+
+Each is scored as every other model is, from the same encoded states and drawn by the same decoder, except the
+mean image, which is drawn as it is.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from lagsplat.chart.chart import Chart
+from lagsplat.evaluate.aggregate import MEAN_IMAGE
+from lagsplat.evaluate.config import EvaluateConfig
+from lagsplat.evaluate.evaluate import make_picture_reader, require_same_run, score
+from lagsplat.evaluate.protocol import (
+    EvaluationSubject,
+    HeldOut,
+    Integrate,
+    initial_states,
+    list_series,
+    select_held_out,
+    squared_norm,
+)
+from lagsplat.io.recording.recording import Recording
+from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
+
+MOST_FRAMES = 4096  # training frames that a mean image and a search take, evenly spaced: bounds memory
+
+
+def evaluate_simple_predictors(
+    autoencoder: Autoencoder, chart: Chart, recording: Recording, config: EvaluateConfig
+) -> dict[str, dict[str, Any]]:
+    """Every score of each simple predictor on the held-out part of a recording, ready for JSON.
+
+    Args:
+        autoencoder: Whose decoder draws the forecasts.
+        chart: Its latents of the recording.
+        recording: Of which the first part is for training.
+        config: The protocol.
+
+    Returns:
+        By the predictor's name what `lagsplat.evaluate.evaluate.score` gives. A mean image has no floor of
+        its own, so its image error over two periods is divided by the decoder's.
+
+    Raises:
+        ValueError: recording, chart and autoencoder do not belong together, the training part has no clip
+            of more than a few frames, or the held-out part is too short for the protocol.
+    """
+    require_same_run(autoencoder, chart, recording)
+    train = list_series(chart, chart.train, config, skip=0)
+    mean = chart.train.latents.mean(axis=0)
+    integrators: dict[str, Integrate] = {
+        MEAN_IMAGE: lambda q0, v0, inputs, steps_s: _repeat(np.broadcast_to(mean, q0.shape), inputs),
+        "Hold": lambda q0, v0, inputs, steps_s: _repeat(q0, inputs),
+        "Nearest neighbour": make_neighbour_search(train),
+        "Linear least squares": fit_linear_law(train),
+    }
+    scores = {}
+    for name, integrate in integrators.items():
+        subject = EvaluationSubject(
+            d=chart.d,
+            dynamics="linear" if name == "Linear least squares" else "none",
+            external_force="none",
+            held=select_held_out(chart, config),
+            pictures=make_picture_reader(recording, first=chart.n_train),
+            render=draw_mean_image(recording)
+            if name == MEAN_IMAGE
+            else lambda q: decode_latents(autoencoder, chart.to_raw(q)),
+            integrate=integrate,
+        )
+        scores[name] = score(subject, recording, config)
+    floor = scores["Hold"]["latent"].get("floor")
+    _divide_by_floor(scores[MEAN_IMAGE], floor)
+    return scores
+
+
+def _repeat(q: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    return np.repeat(q[:, None], inputs.shape[1], axis=1)
+
+
+def draw_mean_image(recording: Recording) -> Callable[[np.ndarray], np.ndarray]:
+    """A function that draws the mean of the training images for any state."""
+    n_train = recording.split()[0].n_frames
+    frames = np.unique(np.linspace(0, n_train - 1, min(MOST_FRAMES, n_train)).round().astype(np.int64))
+    pictures = make_picture_reader(recording, first=0)
+    total = sum(pictures(part).sum(axis=0, dtype=np.float64) for part in np.array_split(frames, len(frames)))
+    mean = (total / len(frames)).astype(np.float32)
+    return lambda q: np.broadcast_to(mean, (len(q), *mean.shape))
+
+
+def _divide_by_floor(scores: dict[str, Any], floor: float | None) -> None:
+    for key in ("ae_floor", "image_ratio"):
+        scores["scores"][key] = None
+    scores["intervals"]["image_ratio"] = [None, None]
+    if floor is not None:
+        scores["scores"]["image_ratio"] = scores["latent"]["image_mse"] / floor
+
+
+def select_frames(train: HeldOut, *, ahead: int) -> np.ndarray:
+    """Training frames of which the velocity is known and which have ``ahead`` frames after them.
+
+    Raises:
+        ValueError: there is none.
+    """
+    after = max(ahead, *train.stencil)
+    ranges = [np.arange(start, stop - after) for start, stop in train.clips]
+    frames = np.concatenate([np.arange(0), *ranges])
+    if not len(frames):
+        raise ValueError(f"no training clip has {after + 1} frames; use a longer recording")
+    return frames
+
+
+def fit_linear_law(train: HeldOut) -> Integrate:
+    """Least squares for the next state and velocity, linear in both and in the inputs, with a constant.
+
+    Source: dynamic mode decomposition with control, DOI 10.1137/15M1013857.
+    """
+    frames = select_frames(train, ahead=1 + max(0, *train.stencil))
+    now, after = (np.hstack(initial_states(train, at)) for at in (frames, frames + 1))
+    known = np.hstack([now, train.forcing[frames], np.ones((len(frames), 1))])
+    law = np.linalg.lstsq(known, after)[0]
+
+    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
+        del steps_s  # the law advances by one frame a step
+        state, states = np.hstack([q0, v0]), [q0]
+        for number in range(inputs.shape[1] - 1):
+            with np.errstate(over="ignore", invalid="ignore"):  # a law that grows is counted as diverged
+                state = np.hstack([state, inputs[:, number], np.ones((len(q0), 1))]) @ law
+            states.append(state[:, : q0.shape[1]])
+        return np.stack(states, axis=1)
+
+    return integrate
+
+
+def make_neighbour_search(train: HeldOut) -> Integrate:
+    """What followed the training frame that is nearest in state, velocity and the inputs to come.
+
+    Distances are shares of the training part's own variance, of states and velocities in the visibility
+    metric. Where the training clip ends its last state is kept.
+
+    Source: forecasts by analogues, DOI 10.1175/1520-0469(1969)26<636:APARBN>2.0.CO;2.
+    """
+    frames = select_frames(train, ahead=1)
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(np.int64))]
+    q, v = initial_states(train, frames)
+    last = np.array([next(stop for start, stop in train.segments if start <= at < stop) for at in frames]) - 1
+    spread_q, spread_v = (_spread(series, train.metric) for series in (q, v))
+    spread_u = float(train.forcing.var(axis=0).sum()) or 1.0
+
+    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
+        del steps_s  # what followed is replayed frame by frame
+        ahead = np.minimum(frames[:, None] + np.arange(inputs.shape[1]), last[:, None])
+        paths = []
+        for state, velocity, driven in zip(q0, v0, inputs, strict=True):
+            apart = squared_norm(q - state, train.metric) / spread_q
+            apart += squared_norm(v - velocity, train.metric) / spread_v
+            apart += _compare_inputs(train.forcing, ahead, driven) / spread_u
+            paths.append(train.encoded[ahead[np.argmin(apart)]])
+        return np.stack(paths)
+
+    return integrate
+
+
+def _spread(series: Float64[np.ndarray, "T d"], metric: np.ndarray) -> float:
+    return float(squared_norm(series - series.mean(axis=0), metric).mean()) or 1.0
+
+
+def _compare_inputs(forcing: np.ndarray, ahead: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """Mean squared difference of the inputs from each candidate on to those of a window."""
+    apart = np.zeros(len(ahead))
+    for column, given in zip(ahead.T, driven, strict=True):
+        apart += np.sum((forcing[column] - given) ** 2, axis=1)
+    return apart / len(driven)
