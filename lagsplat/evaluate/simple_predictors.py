@@ -138,7 +138,8 @@ def make_neighbour_search(train: HeldOut) -> Integrate:
     """What followed the training frame that is nearest in state, velocity and the inputs to come.
 
     Distances are shares of the training part's own variance, of states and velocities in the visibility
-    metric. Where the training clip ends its last state is kept.
+    metric. Frames without so many frames after them are taken only where no training clip is long enough;
+    then the clip's last state is kept.
 
     Source: forecasts by analogues, DOI 10.1175/1520-0469(1969)26<636:APARBN>2.0.CO;2.
     """
@@ -151,13 +152,17 @@ def make_neighbour_search(train: HeldOut) -> Integrate:
 
     def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
         del steps_s  # what followed is replayed frame by frame
-        ahead = np.minimum(frames[:, None] + np.arange(inputs.shape[1]), last[:, None])
+        ahead = frames[:, None] + np.arange(inputs.shape[1])
+        cut = ahead[:, -1] > last
+        ahead = np.minimum(ahead, last[:, None])
         paths = []
         for state, velocity, driven in zip(q0, v0, inputs, strict=True):
             apart = squared_norm(q - state, train.metric) / spread_q
             apart += squared_norm(v - velocity, train.metric) / spread_v
             apart += _compare_inputs(train.forcing, ahead, driven) / spread_u
-            paths.append(train.encoded[ahead[np.argmin(apart)]])
+            paths.append(
+                train.encoded[ahead[np.argmin(apart if cut.all() else np.where(cut, np.inf, apart))]]
+            )
         return np.stack(paths)
 
     return integrate

@@ -76,12 +76,15 @@ def test_the_nearest_neighbour_is_nearest_in_velocity_and_in_inputs_too() -> Non
         np.testing.assert_array_equal(made[0, :, 0], clip[at : at + 30, 0])
 
 
-def test_beyond_its_clip_a_neighbour_keeps_its_last_state() -> None:
-    q = np.linspace(0.0, 1.0, 20)[:, None]
-    made = make_neighbour_search(train_on(q, np.zeros((20, 0))))(
-        q[17:18], np.full((1, 1), 1 / (19 * DT_S)), np.zeros((1, 6, 0)), DT_S
-    )
-    np.testing.assert_array_equal(made[0, :, 0], q[np.minimum(np.arange(17, 23), 19), 0])
+@pytest.mark.parametrize(
+    ("states", "replayed"), [(6, np.arange(14, 20)), (30, np.minimum(np.arange(17, 47), 19))]
+)
+def test_a_neighbour_whose_clip_ends_too_soon_is_the_last_choice(states: int, replayed: np.ndarray) -> None:
+    time_s = DT_S * np.arange(20.0)[:, None]
+    q, v = time_s**2, 2 * time_s
+    search = make_neighbour_search(train_on(q, np.zeros((20, 0))))
+    made = search(q[17:18], v[17:18], np.zeros((1, states, 0)), DT_S)
+    np.testing.assert_array_equal(made[0, :, 0], q[replayed, 0])
 
 
 def test_a_training_part_without_a_clip_long_enough_is_refused() -> None:
