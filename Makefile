@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
+.PHONY: krauss physical view demo test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -27,6 +27,10 @@ ROCKER := results/quick/simulated/rainbow_rocker/default-0/default-0
 view: .venv/.installed
 	$(BIN)/snakemake -c$(CORES) $(ROCKER)/dynamics.json
 	$(BIN)/lagsplat view $(ROCKER)
+
+# A shipped film is fitted, pushed in the browser and compared with another: minutes, and nothing to configure.
+demo: .venv/.installed
+	$(BIN)/python -W ignore examples/06_demo.py results/demo
 
 # The documentation as a site, in build/docs; a broken link or docstring is an error.
 docs: .venv/.installed

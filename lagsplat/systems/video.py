@@ -56,12 +56,8 @@ def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recor
     Raises:
         ValueError: OpenCV cannot write the codec into the container, or returns fewer frames.
     """
-    camera, scene, generator = make_camera(config), config.scene, np.random.default_rng(seed)
-    wall, bodies = set_up_scene(config, camera)
     with tempfile.TemporaryDirectory() as folder:
-        for index, clip in enumerate(poses):
-            images = (painting.paint_bodies(wall, bodies, pose, camera) for pose in clip)
-            _write_video(Path(folder) / f"{index}.{scene.container}", images, config, generator)
+        write_clips(config, poses, Path(folder), seed=seed)
         recording = read_video(folder, FrameSettings(size=(config.height, config.width)))
     written = sum(len(clip) for clip in poses)
     if recording.n_frames != written:
@@ -69,6 +65,21 @@ def film_clips(config: ReleaseConfig, poses: list[Poses], *, seed: int) -> Recor
             f"{written} frames were written and {recording.n_frames} read; choose another release.scene.codec"
         )
     return recording
+
+
+def write_clips(config: ReleaseConfig, poses: list[Poses], folder: Path, *, seed: int) -> list[Path]:
+    """Write a video of every clip by the scene's camera, named by its number; returns the files.
+
+    Raises:
+        ValueError: OpenCV cannot write the codec into the container.
+    """
+    camera, scene, generator = make_camera(config), config.scene, np.random.default_rng(seed)
+    wall, bodies = set_up_scene(config, camera)
+    paths = [folder / f"{index}.{scene.container}" for index in range(len(poses))]
+    for path, clip in zip(paths, poses, strict=True):
+        images = (painting.paint_bodies(wall, bodies, pose, camera) for pose in clip)
+        _write_video(path, images, config, generator)
+    return paths
 
 
 def _write_video(

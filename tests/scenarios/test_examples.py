@@ -69,6 +69,16 @@ def test_a_run_is_pushed_and_becomes_a_page(place: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_demo_shows_its_own_run_where_none_is_fitted(tmp_path: Path) -> None:
+    text = run_example("06_demo.py", tmp_path, "shown", "--fitted", "--no-browser")
+    assert "taken instead of a fit of your own" in text
+    assert (tmp_path / "shown" / "rocker.html").stat().st_size > 100_000
+    diagnosis = lagsplat.load_diagnosis(tmp_path / "shown" / "diagnosis")
+    assert isinstance(diagnosis, DiagnosisReport)
+    assert diagnosis.effects[0].name == "viscous_damping"
+
+
+@pytest.mark.slow
 def test_two_tables_are_diagnosed(place: Path) -> None:
     diagnosis = lagsplat.load_diagnosis(place / "diagnosis")
     assert isinstance(diagnosis, DiagnosisReport)
