@@ -20,9 +20,9 @@ from lagsplat.runs.fit import obtain_recording
 DEMO = Path(__file__).parent / "demo"
 FITTED = DEMO / "fitted"
 FILM = os.path.relpath(DEMO / "rocker.mp4")
-SETTINGS = (  # what `lagsplat inspect examples/demo/rocker.mp4` proposes, and a shorter training
+SETTINGS = (  # such as `lagsplat inspect examples/demo/rocker.mp4` proposes, with a shorter training
     *("profile=quick", "recording=filmed", "recording.kind=video", f"recording.path={FILM!r}"),
-    *("recording.n_inputs=0", "recording.crop=[30,30,228,138]", "recording.height=58", "recording.width=96"),
+    *("recording.n_inputs=0", "recording.height=64", "recording.width=96"),
     *("system=rainbow_rocker", "chart.smoothing_frames=0.67", "stage1.steps=2000"),
 )
 
@@ -46,9 +46,9 @@ def obtain_run(folder: Path, *, fitted: bool) -> None:
 
 options = {word for word in sys.argv[1:] if word.startswith("--")}
 folder = Path(next((word for word in sys.argv[1:] if word not in options), "demo"))
-obtain_run(folder / "run", fitted="--fitted" in options)
-page = lagsplat.export_page(folder / "run", folder / "rocker.html")
-diagnosis = lagsplat.diagnose(folder / "run", DEMO / "rocker_damped.mp4", out=folder / "diagnosis")
+obtain_run(folder / "rocker", fitted="--fitted" in options)
+page = lagsplat.export_page(folder / "rocker", folder / "rocker.html")
+diagnosis = lagsplat.diagnose(folder / "rocker", DEMO / "rocker_damped.mp4", out=folder / "diagnosis")
 report = folder / "diagnosis" / "report.html"
 print(diagnosis, f"push it: {page}", f"why the films differ: {report}", sep="\n")
 for path in () if "--no-browser" in options else (page, report):

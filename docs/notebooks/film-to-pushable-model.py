@@ -15,7 +15,7 @@ import lagsplat
 # %% [markdown]
 # ## A film
 #
-# The package can simulate recordings. This one is a rocker in front of a photograph, in tiny pictures. We
+# The package can simulate recordings. This one is a rocker in front of shelves, in tiny pictures. We
 # keep only its frames, as a video file: 30 frames a second, without loss.
 
 # %%

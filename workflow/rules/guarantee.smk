@@ -10,8 +10,10 @@ rule guarantee:
             rules.stage2.output.record.format(**run) for run in planned()
         ],
     output:
-        csv=report(
-            "results/tables/guarantee.csv",
+        tex="results/tables/guarantee.tex",
+        csv="results/tables/guarantee.csv",
+        html=report(
+            "results/tables/guarantee.html",
             caption="../report/guarantee.rst",
             category="Tables",
             labels={"table": "what no law can break"},
@@ -28,6 +30,7 @@ rule guarantee:
         runtime=30,
     params:
         runs=lambda wildcards: planned(),
+        titles=lambda wildcards: titles(planned()),
         cfg=lambda wildcards: section("extrapolation.guarantee")(planned()[0]),
         before=lambda wildcards: [before("evaluate")(run) for run in planned()],
         code=script_digest(SCRIPTS / "stage2/guarantee.py"),

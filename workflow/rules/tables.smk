@@ -198,8 +198,10 @@ rule margins:
         metrics=gathered(planned, "metrics"),
         records=gathered(planned, "record"),
     output:
-        csv=report(
-            "results/tables/margins.csv",
+        tex="results/tables/margins.tex",
+        csv="results/tables/margins.csv",
+        html=report(
+            "results/tables/margins.html",
             caption="../report/margins.rst",
             category="Tables",
             labels={"table": "margins over constant coefficients"},
@@ -216,6 +218,7 @@ rule margins:
         runtime=10,
     params:
         runs=lambda wildcards: planned(),
+        titles=lambda wildcards: titles(planned()),
         before=lambda wildcards: [before("table")(run) for run in planned()],
         code=script_digest(SCRIPTS / "report/margins.py"),
     message:

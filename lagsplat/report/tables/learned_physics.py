@@ -1,6 +1,6 @@
 """Tables of the learned physics: against the truth, by form of the mass, beside the paper, guaranteed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -359,3 +359,51 @@ def build_guarantee_table(
         raise ValueError("no learned Lagrangian to check: train a run first")
     rows = [{**run, **result} for run, result in zip(runs, results, strict=True)]
     return table_rows.build_table(rows, [*RUN_FIELDS, *GUARANTEE_FIELDS])
+
+
+def lay_out_guarantee(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
+    """Lay out the table of `build_guarantee_table`; ``titles`` gives the name of each system."""
+
+    def count(settled: str, diverged: str) -> Callable[[Row], str | None]:
+        def write(row: Row) -> str | None:
+            if pd.isna(row[settled]):
+                return None
+            return f"{int(row[settled])}/{int(row['starts'])}, {int(row[diverged])}"
+
+        return write
+
+    columns = [
+        make_text_column("Law", lambda row: f"{row['stage1']}-{row['ae']}, {row['stage2']}-{row['seed']}"),
+        make_text_column("Holds", lambda row: "yes" if row["holds"] else row["reason"], wrap_em=9),
+        make_number_column(
+            *("rise", "Rise", "(%)"),
+            scale=1e2,
+            note="Rise: of the energy above an earlier value, over that at the start; integration alone adds "
+            "some, which halving the step shows.",
+        ),
+        make_number_column("rise_at_half_step", "at half", "the step (%)", scale=1e2),
+        make_text_column(
+            "Free",
+            count("free_settled", "free_diverged"),
+            note="Free, held: starts that came to rest, and those that diverged, without and under a force.",
+        ),
+        make_number_column("free_time_s", "within", "(s)"),
+        make_text_column("Held", count("held_settled", "held_diverged")),
+        make_number_column("held_time_s", "within", "(s)"),
+        make_number_column(
+            *("held_force_error", "Force", "error (%)"),
+            scale=1e2,
+            note="Force error: of the potential's force at rest against the held one.",
+        ),
+    ]
+    far = " or ".join(sorted({f"{value:g}" for value in table["far"].dropna()}))
+    return [
+        lay_out(
+            table,
+            columns,
+            label="tab:guarantee",
+            lead="Whether trained laws can be driven away.",
+            caption=f"From states {far} times as far out as the data." if far else "",
+            block=lambda row: table_rows.name_block(row, titles),
+        )
+    ]

@@ -7,12 +7,13 @@ import pandas as pd
 import yaml
 
 from lagsplat.report.common.printed_table import PrintedTable
-from lagsplat.report.tables.benchmark import lay_out_benchmark
+from lagsplat.report.tables.benchmark import lay_out_benchmark, lay_out_margins
 from lagsplat.report.tables.deformation import lay_out_deformation
 from lagsplat.report.tables.extrapolation import lay_out_extrapolation
 from lagsplat.report.tables.forces import lay_out_forces, lay_out_invariants
 from lagsplat.report.tables.gap import lay_out_blind, lay_out_gap
 from lagsplat.report.tables.learned_physics import (
+    lay_out_guarantee,
     lay_out_mass,
     lay_out_physical,
     lay_out_recipes,
@@ -28,6 +29,8 @@ LAYOUTS: dict[str, Callable[..., list[PrintedTable]]] = {
     "force_invariants": lay_out_invariants,
     "gap": lay_out_gap,
     "gap_blind": lambda table, titles: lay_out_blind(table),
+    "guarantee": lay_out_guarantee,
+    "margins": lay_out_margins,
     "mass": lay_out_mass,
     "physical": lay_out_physical,
     "recipes": lay_out_recipes,
