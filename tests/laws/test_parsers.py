@@ -131,7 +131,7 @@ def test_a_binary_table_gives_the_numbers_that_were_written(table: dict[str, np.
         if kind == "parquet":
             pd.DataFrame(table).to_parquet(path)
         else:
-            np.savez(path, **table)
+            np.savez(path, **table)  # type: ignore[arg-type]
         found = read_table(path).columns
     for name, column in table.items():
         np.testing.assert_array_equal(found[name].astype(float), column)

@@ -78,4 +78,4 @@ def write_sysid_parameters(path: Path, parameters: Sequence[SysidParameter]) -> 
         }
         for each in parameters
     }
-    write_text(path, yaml.safe_dump(content, default_flow_style=False))
+    write_text(path, yaml.safe_dump(content, default_flow_style=False, sort_keys=False))
