@@ -3,7 +3,7 @@
     python examples/06_demo.py [FOLDER] [--fitted] [--no-browser]
 
 Fits a small film of a rocker and exports a page; then diagnoses a film of the same rocker with three times
-its damping. ``--fitted`` takes the fitted run that comes with the demo, as does a fit that fails; both say so.
+its damping. ``--fitted`` takes the fitted run that comes with the demo, as does a failed fit; both say so.
 """
 
 import os
