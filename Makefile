@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view demo test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
+.PHONY: krauss physical view demo published test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -31,6 +31,10 @@ view: .venv/.installed
 # A shipped film is fitted, pushed in the browser and compared with another: minutes, and nothing to configure.
 demo: .venv/.installed
 	$(BIN)/python -W ignore examples/06_demo.py results/demo
+
+# Every file of results/published that benchmarks/published.yaml names, again at this commit: hours; it goes on where it was stopped.
+published: .venv/.installed
+	$(BIN)/python -m benchmarks.published
 
 # The documentation as a site, in build/docs; a broken link or docstring is an error.
 docs: .venv/.installed

@@ -1,0 +1,112 @@
+"""Make what stands in ``results/published`` again, at one commit, with a manifest of how each file was made.
+
+Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
+runs in ``build/published``, so a call that was stopped goes on. Uncommitted changes are refused: the manifest
+names the commit. Figures are reduced to `WIDEST` pixels and 256 colours.
+"""
+
+import json
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import yaml
+from PIL import Image
+
+from lagsplat.io.files.atomic import save_json, sha256_of
+
+ROOT = Path(__file__).resolve().parents[1]
+PLAN = Path(__file__).with_name("published.yaml")
+PUBLISHED = ROOT / "results" / "published"
+MANIFEST = PUBLISHED / "manifest.json"
+WORK = ROOT / "build" / "published"
+WIDEST = 1400
+
+
+def read_plan() -> dict[str, dict[str, Any]]:
+    """The folders, each with its settings and its files."""
+    plan: dict[str, dict[str, Any]] = yaml.safe_load(PLAN.read_text("utf-8"))
+    return plan
+
+
+def name_commit() -> str:
+    """The commit that is checked out.
+
+    Raises:
+        SystemExit: files differ from it.
+    """
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    changed = git("status", "--porcelain", "--", ".", ":!results/published")
+    if changed:
+        sys.exit(f"not committed, so the manifest could not say what made its files:\n{changed}")
+    return git("rev-parse", "--short=10", "HEAD")
+
+
+def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
+    """Run the workflow for a folder, take its files, and return its entry of the manifest."""
+    commit, began = name_commit(), time.monotonic()
+    files = {key: {"needs": made} if isinstance(made, str) else made for key, made in folder["files"].items()}
+    targets = [each["needs"] for each in files.values()]
+    command = ["snakemake", f"-c{os.cpu_count()}", *targets]
+    command += ["--config", f"hydra={folder['settings']}"] if folder["settings"] else []
+    WORK.mkdir(parents=True, exist_ok=True)
+    where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(WORK)]
+    subprocess.run([sys.executable, "-m", *command, *where], cwd=WORK, env=_environment(), check=True)
+    (PUBLISHED / name).mkdir(parents=True, exist_ok=True)
+    entry: dict[str, Any] = {}
+    for key, made in files.items():
+        out = PUBLISHED / name / key
+        if "command" in made:
+            words = shlex.split(made["command"].format(run=WORK / "results", out=out))
+            subprocess.run(words, cwd=WORK, env=_environment(), check=True)
+        else:
+            take_file(WORK / made["needs"], out)
+        entry[key] = {"made_by": made.get("command", made["needs"]), "sha256": sha256_of(out)}
+    return {
+        "commit": commit,
+        "command": shlex.join(command),
+        "minutes": round((time.monotonic() - began) / 60.0, 1),
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
+        "files": entry,
+    }
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def take_file(made: Path, out: Path) -> None:
+    """Copy a file, a figure reduced."""
+    if made.suffix != ".png":
+        shutil.copy(made, out)
+        return
+    with Image.open(made) as figure:
+        picture = figure.convert("RGB")
+        picture.thumbnail((WIDEST, 4 * WIDEST))
+        picture.quantize(256).save(out, optimize=True)
+
+
+def main(*names: str) -> None:
+    """Make the named folders, and write the manifest after each."""
+    plan = read_plan()
+    if unknown := set(names) - set(plan):
+        sys.exit(f"no folder {', '.join(sorted(unknown))}; choose from {', '.join(plan)}")
+    manifest = json.loads(MANIFEST.read_text("utf-8")) if MANIFEST.exists() else {}
+    for name in names or plan:
+        manifest[name] = make_folder(name, plan[name])
+        save_json(MANIFEST, manifest)
+        print(f"{name}: {manifest[name]['minutes']} min at {manifest[name]['commit']}", flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
