@@ -12,11 +12,13 @@ from lagsplat.config.compose import compose
 from lagsplat.config.schema import Config, options
 from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import compute_missing_acceleration
+from lagsplat.diagnose.simulators.fitted_run import linearize_law_coordinates
 from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.processes import receive_signals
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
+from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.viewer.simulation.history import read_recorded_data
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
@@ -67,7 +69,7 @@ def view(
         title=title,
         read_frame=lambda number: np.asarray(run.recording.frames[number]),
         folder=folder if out is None else Path(out),
-        residual=None if diagnosis is None else _residual(Path(diagnosis), session),
+        residual=None if diagnosis is None else _residual(Path(diagnosis), session, run.lagrangian),
     )
     with receive_signals() as received:
         print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
@@ -131,11 +133,17 @@ def title_of(folder: Path) -> str:
     return folder.resolve().name
 
 
-def _residual(diagnosis: Path, session: Session) -> Callable[[Snapshot], Vector]:
+def _residual(diagnosis: Path, session: Session, lagrangian: Lagrangian) -> Callable[[Snapshot], Vector]:
+    """What the effects of a diagnosis add to the acceleration of latents."""
     file = diagnosis / AUGMENTED_FILE if diagnosis.is_dir() else diagnosis
     augmented = load_augmented(file)
+
+    def missing(q: Vector, v: Vector, u: Vector) -> Vector:
+        s, slope = linearize_law_coordinates(lagrangian, q)
+        return np.linalg.solve(slope, compute_missing_acceleration(augmented, s, slope @ v, u))
+
     try:
-        compute_missing_acceleration(augmented, session.q, session.v, session.u)
+        missing(session.q, session.v, session.u)
     except ValueError as error:
         raise ValueError(f"{diagnosis}: a diagnosis of another sim than this run ({error})") from error
-    return lambda now: compute_missing_acceleration(augmented, now.q, now.v, now.u)
+    return lambda now: missing(now.q, now.v, now.u)

@@ -11,6 +11,7 @@ from lagsplat.diagnose.estimation.dataset import OperatingRegion
 from lagsplat.diagnose.simulators.fitted_run import (
     convert_to_latents,
     convert_to_law,
+    linearize_law_coordinates,
     project_run,
     read_chart_trajectory,
 )
@@ -75,6 +76,29 @@ def test_latents_are_found_again_from_the_coordinates_of_the_law(terms: str) -> 
     x = convert_to_law(made, q)
     assert (x is q) == (terms == "networks")
     np.testing.assert_allclose(convert_to_latents(made, x), q, atol=1e-9)
+
+
+def test_along_the_straight_coordinate_damping_does_not_depend_on_the_place() -> None:
+    made, where = lagrangian(1, 1, terms="polynomial"), region(1, 1)
+    s = convert_to_law(made, where.q)
+    np.testing.assert_allclose(convert_to_latents(made, s), where.q, atol=1e-9)
+    model = project_run(made, OperatingRegion(s, where.v, where.u), what="run").model
+    straight = [field(s)[:, 0, 0] for field in (model.mass_at, model.damping_at)]
+    x = made.coordinates.evaluate(torch.as_tensor(where.q))[0]
+    own = made.in_own_coordinates()
+    bent = [field(x).detach().numpy()[:, 0, 0] for field in (own.mass, own.damping)]
+    for along_s, along_x in zip(straight, bent, strict=True):
+        # the floor of the matrices, which keeps them positive, is not of the frame
+        assert np.ptp(along_s) / np.mean(along_s) < 0.2 * np.ptp(along_x) / np.mean(along_x)
+
+
+@pytest.mark.parametrize(("d", "terms"), [(1, "polynomial"), (2, "polynomial"), (2, "networks")])
+def test_velocities_go_into_the_coordinates_of_the_law(d: int, terms: str) -> None:
+    made, q = lagrangian(d, 1, terms=terms), region(d, 1).q[5]
+    at, slope = linearize_law_coordinates(made, q)
+    np.testing.assert_allclose(at, convert_to_law(made, q[None])[0])
+    moved = convert_to_law(made, (q + 1e-3 * np.ones(d))[None])[0]
+    np.testing.assert_allclose(moved - at, 1e-3 * slope @ np.ones(d), rtol=2e-2, atol=1e-9)
 
 
 def test_states_at_which_polynomials_are_clipped_do_not_bend_the_model() -> None:

@@ -33,8 +33,11 @@ class KnownRegion:
     def find_inside(
         self, recorded: Float64[np.ndarray, "W L d"], predicted: Float64[np.ndarray, "W L d"]
     ) -> Bool[np.ndarray, " W"]:
-        """Which windows are recorded inside the ball and predicted near it."""
-        inside = self.measure_distance(recorded).max(axis=1) <= 1.0
+        """Which windows are recorded in the ball or within half the room, and predicted within the room.
+
+        The ball encloses smoothed states: a recording that begins where that of the fit did begins outside.
+        """
+        inside = self.measure_distance(recorded).max(axis=1) <= 1.0 + 0.5 * self.room
         return inside & (self.measure_distance(predicted).max(axis=1) <= 1.0 + self.room)
 
 

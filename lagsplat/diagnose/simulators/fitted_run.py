@@ -2,14 +2,20 @@
 
 A polynomial law is simple in coordinates ``x = g(q)`` of its own; in the latents ``q`` its terms have a far
 higher degree. So it is diagnosed over ``x``, and any other law over the latents.
+
+A law of one polynomial coordinate has mass ``J(x)^2 M_0`` and damping ``J(x)^2 C_0``: both are constant along
+``s``, the integral of ``J``. It is diagnosed over ``s``, because what acts on the mechanism is simple there:
+along ``x`` a friction that does not depend on the place would seem to.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float64
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import CubicHermiteSpline
 
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.estimation.dataset import OperatingRegion
@@ -18,29 +24,91 @@ from lagsplat.diagnose.simulators.projection import FieldFunctions, ProjectedMod
 from lagsplat.io.trajectory.trajectory import Trajectory
 from lagsplat.monomials import ROOM
 from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.stage2.polynomials import PolynomialField
 
 MIN_INSIDE = 0.5  # share of a region within the data of the fit, from which the rest is left out
 BATCH_SIZE = 256  # points that the networks evaluate at once, which bounds their memory
+PATH_POINTS = 2049  # at which the frame of a law is integrated: the error is far below that of any law
+SLOPE_STEP = 1e-4  # of central differences [whitened unit]
+LEAST_SLOPE = 0.1  # of the frame: a law that nearly folds there is diagnosed over ``x``
+
+
+@dataclass(frozen=True)
+class StraightCoordinate:
+    """The coordinate ``s`` of a law of one coordinate ``x`` along which its frame is one; linear outside."""
+
+    x: Float64[np.ndarray, " P"]
+    s: Float64[np.ndarray, " P"]
+    slope: Float64[np.ndarray, " P"]  # ds/dx
+
+    @classmethod
+    @torch.no_grad()
+    def of_law(cls, law: Lagrangian) -> "StraightCoordinate | None":
+        """Integrate the frame of a law in its own coordinates; None without one, or where it nearly folds."""
+        if law.d != 1 or law.energy is None:
+            return None
+        assert isinstance(law.mass_term, PolynomialField)
+        center, radius = law.energy.ball.numpy()
+        x = center + (1.0 + ROOM) * radius * np.linspace(-1.0, 1.0, PATH_POINTS)
+        slope = law.mass_term.frame.evaluate(torch.as_tensor(x[:, None]))[0][:, 0, 0].numpy()
+        if not slope.min() > LEAST_SLOPE:
+            return None
+        s = cumulative_simpson(slope, x=x, initial=0.0)
+        return cls(x, s - s[PATH_POINTS // 2] + center, slope)
+
+    def measure(self, x: np.ndarray) -> np.ndarray:
+        """``s`` at ``x``."""
+        return _interpolate(self.x, self.s, self.slope, x)
+
+    def invert(self, s: np.ndarray) -> np.ndarray:
+        """``x`` at ``s``."""
+        return _interpolate(self.s, self.x, 1.0 / self.slope, s)
+
+    def slope_at(self, x: np.ndarray) -> np.ndarray:
+        """``ds/dx`` at ``x``."""
+        return np.interp(x, self.x, self.slope)
+
+
+def _interpolate(x: np.ndarray, y: np.ndarray, slope: np.ndarray, at: np.ndarray) -> np.ndarray:
+    inside = np.clip(at, x[0], x[-1])
+    beyond = np.where(at > x[-1], slope[-1], slope[0]) * (at - inside)
+    return np.asarray(CubicHermiteSpline(x, y, slope)(inside) + beyond)
 
 
 @torch.no_grad()
 def convert_to_law(lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
-    """The coordinates of the law at whitened latents."""
-    found = lagrangian.coordinates
-    return q if found is None else found.evaluate(torch.as_tensor(q))[0].numpy()
+    """The coordinates at whitened latents over which a law is diagnosed."""
+    if lagrangian.coordinates is None:
+        return q
+    x = lagrangian.coordinates.evaluate(torch.as_tensor(q))[0].numpy()
+    straight = StraightCoordinate.of_law(lagrangian.in_own_coordinates())
+    return x if straight is None else straight.measure(x)
 
 
 @torch.no_grad()
 def convert_to_latents(lagrangian: Lagrangian, x: Float64[np.ndarray, "N d"]) -> Float64[np.ndarray, "N d"]:
-    """The whitened latents at coordinates of the law; NaN where no latents have them."""
-    found = lagrangian.coordinates
-    return x if found is None else found.invert(torch.as_tensor(x)).numpy()
+    """The whitened latents at coordinates over which a law is diagnosed; NaN where no latents have them."""
+    if lagrangian.coordinates is None:
+        return x
+    straight = StraightCoordinate.of_law(lagrangian.in_own_coordinates())
+    own = x if straight is None else straight.invert(x)
+    return lagrangian.coordinates.invert(torch.as_tensor(own)).numpy()
+
+
+def linearize_law_coordinates(
+    lagrangian: Lagrangian, q: Float64[np.ndarray, " d"]
+) -> tuple[Float64[np.ndarray, " d"], Float64[np.ndarray, "d d"]]:
+    """`convert_to_law` at one state, and its derivative there, by central differences."""
+    steps = SLOPE_STEP * np.eye(len(q))
+    at, *moved = convert_to_law(lagrangian, np.concatenate([q[None], q + steps, q - steps]))
+    ahead, behind = np.split(np.array(moved), 2)
+    return at, (ahead - behind).T / (2.0 * SLOPE_STEP)
 
 
 def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -> ProjectedModel:
     """The model of a fitted Lagrangian over a region of its coordinates, with time in seconds.
 
-    A polynomial law is fitted exactly, where its polynomials are not clipped.
+    A polynomial law of several coordinates is fitted exactly, where its polynomials are not clipped.
 
     Raises:
         ValueError: the region has other numbers of coordinates or inputs.
@@ -51,16 +119,50 @@ def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -
             f"recording {region.d} and {region.n_u}; encode the recording with this run's own autoencoder"
         )
     law, max_degree, known = lagrangian.in_own_coordinates(), None, None
+    straight = StraightCoordinate.of_law(law)
     if law.energy is not None:
         degrees, ball = law.form.degrees, law.energy.ball.numpy()
         max_degree = max(degrees.potential, degrees.inputs, 2 * degrees.matrices)
         known = KnownRegion(ball[:-1], float(ball[-1]), ROOM)
+        if straight is not None:
+            low, high = straight.measure(ball[0] + ball[1] * np.array([-1.0, 1.0]))
+            known = KnownRegion(np.array([0.5 * (low + high)]), 0.5 * (high - low), ROOM)
+            max_degree = None  # its terms are no polynomials there
         inside = known.measure_distance(region.q) < 1.0
         # a recording that is nearly all outside is beyond what the run was fitted to, and reported as such
         if inside.mean() > MIN_INSIDE:
             region = region.select(inside)
-    projected = project_fields(make_run_fields(law, region), region, what=what, max_degree=max_degree)
+    fields = make_run_fields(law, region)
+    if straight is not None:
+        fields = straighten_fields(fields, straight)
+    projected = project_fields(fields, region, what=what, max_degree=max_degree)
     return replace(projected, known_region=known)
+
+
+def straighten_fields(fields: FieldFunctions, straight: StraightCoordinate) -> FieldFunctions:
+    """The fields of a law of one coordinate ``x``, over ``s``."""
+
+    def own(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = straight.invert(s)
+        return x, straight.slope_at(x)
+
+    def mass(s: np.ndarray) -> np.ndarray:
+        x, slope = own(s)
+        return fields.mass(x) / slope[:, :, None] ** 2
+
+    def potential_gradient(s: np.ndarray) -> np.ndarray:
+        x, slope = own(s)
+        return fields.potential_gradient(x) / slope
+
+    def input_map(s: np.ndarray) -> np.ndarray:
+        x, slope = own(s)
+        return fields.input_map(x) / slope[:, :, None]
+
+    def dissipation(s: np.ndarray, v: np.ndarray) -> np.ndarray:
+        x, slope = own(s)
+        return fields.dissipation(x, v / slope) / slope
+
+    return FieldFunctions(mass, potential_gradient, input_map, dissipation)
 
 
 def make_run_fields(lagrangian: Lagrangian, region: OperatingRegion) -> FieldFunctions:

@@ -75,8 +75,9 @@ def test_the_live_view_ends_cleanly_and_says_why(folder: Path, number: int, told
 def test_the_residual_of_a_diagnosis_follows_the_session(folder: Path, tmp_path: Path) -> None:
     damped = sim(("viscous_damping", [0.7]))
     save_augmented(tmp_path / "augmented.safetensors", damped, {})
-    session = viewing.pushable(open_run(folder), compose())
-    residual = viewing._residual(tmp_path, session)
+    run = open_run(folder)
+    session = viewing.pushable(run, compose())
+    residual = viewing._residual(tmp_path, session, run.lagrangian)
     session.v = np.array([2.0])
     assert residual(session.snapshot())[0] == pytest.approx(-2.0 * damped.parameters(0)["rate"], rel=0.05)
 

