@@ -13,12 +13,14 @@ from pathlib import Path
 import pytest
 
 from lagsplat.cli.main import main
+from lagsplat.evaluate.aggregate import MEAN_IMAGE
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = Path(".snakemake/lagsplat-planning.sqlite")
 ANSWERS = ROOT / KEPT
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
+SIMPLE = (MEAN_IMAGE, "Hold", "Nearest neighbour", "Linear least squares")
 EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
 FORCES = {"forces", "force", "force_map", "force_space", "force_invariants", "force_truth"}
 HERE = Path("results/toy/simulated/toy")
@@ -127,11 +129,12 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
     assert said == {
         "LaGSplat": ("2", "anywhere"),
         "LaGSplat (constant)": ("2", "anywhere"),
+        **dict.fromkeys(SIMPLE, ("2", "none")),
         "Osc. + ABCD": ("4", "at 2 centres"),
         "Koopman + deconv": ("4", "none"),
     }
-    assert all(row["margin_low"] for row in ours if row["d"] == "4")
-    assert all(0 < float(row["ae_floor"]) < 0.05 for row in ours)
+    assert all(bool(row["margin_low"]) == (row["converged"] == "True") for row in ours if row["d"] == "4")
+    assert all(0 < float(row["ae_floor"]) < 0.05 for row in ours if row["method"] != MEAN_IMAGE)
     tex = (results / "results/tables/krauss.tex").read_text(encoding="utf-8")
     assert "simulated" in tex
     assert "toy" in tex
@@ -143,8 +146,8 @@ def test_every_system_has_its_free_rollouts_and_its_truth(results: Path) -> None
         with (results / f"results/tables/{name}.csv").open(encoding="utf-8") as file:
             tables[name] = list(csv.DictReader(file))
         assert (results / f"results/tables/{name}.tex").stat().st_size
-    (row,) = tables["physical"]
-    assert (row["system"], row["d"], row["n_seeds"]) == ("toy", "2", "1")
+    assert [row["method"] for row in tables["physical"]] == ["LaGSplat", *SIMPLE]
+    assert {(row["system"], row["d"], row["n_seeds"]) for row in tables["physical"]} == {("toy", "2", "1")}
     quantities = {row["quantity"].partition(",")[0] for row in tables["truth"]}
     assert quantities >= {"frequency of mode 1", "decay rate of mode 1", "equilibrium"}
 
@@ -298,7 +301,11 @@ def test_a_setting_of_stage_2_runs_stage_2_and_what_follows(source: Path, result
 
 
 def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> None:
-    assert jobs(source, results, TOY + " evaluate.starts=9") == {*SCORED, "baseline_evaluate"}
+    assert jobs(source, results, TOY + " evaluate.starts=9") == {
+        *SCORED,
+        "baseline_evaluate",
+        "simple_predictors",
+    }
 
 
 def test_a_setting_of_the_forces_pushes_again_and_nothing_else(source: Path, results: Path) -> None:
