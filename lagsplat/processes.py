@@ -14,12 +14,13 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 VARIABLE = "LAGSPLAT_DRIVER"  # number and namespace of the Snakemake process that started a job
+SIGNAL_WAIT_S = 0.5  # longest delay of an answer to a signal
 PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 
 
@@ -54,13 +55,23 @@ def ends_with_this_process() -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def receive_signals() -> Iterator["queue.SimpleQueue[signal.Signals]"]:
-    """Queue SIGINT and SIGTERM while the block runs, instead of acting; the main thread alone can."""
+def receive_signals() -> Iterator[Callable[[], signal.Signals]]:
+    """Queue SIGINT and SIGTERM while the block runs, instead of acting; the main thread alone can.
+
+    Gives a function that waits for the first.
+    """
     received: queue.SimpleQueue[signal.Signals] = queue.SimpleQueue()
     numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
     earlier = {n: signal.signal(n, lambda number, _: received.put(signal.Signals(number))) for n in numbers}
+
+    def wait() -> signal.Signals:
+        while True:
+            # A signal just before the wait would run its handler only after it, so no wait is endless.
+            with contextlib.suppress(queue.Empty):
+                return received.get(timeout=SIGNAL_WAIT_S)
+
     try:
-        yield received
+        yield wait
     finally:
         for number, handler in earlier.items():
             signal.signal(number, handler)

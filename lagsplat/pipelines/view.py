@@ -71,11 +71,11 @@ def view(
         folder=folder if out is None else Path(out),
         residual=None if diagnosis is None else _residual(Path(diagnosis), session, run.lagrangian),
     )
-    with receive_signals() as received:
+    with receive_signals() as wait_for_signal:
         print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)
         if browser:
             server.open_browser()
-        number = received.get()
+        number = wait_for_signal()
     server.stop()
     reason = "Ctrl-C" if number == signal.SIGINT else number.name
     print(f"{title}: ended by {reason}; saved sessions are in {server.folder}", flush=True)

@@ -44,7 +44,7 @@ class StraightCoordinate:
     @classmethod
     @torch.no_grad()
     def of_law(cls, law: Lagrangian) -> "StraightCoordinate | None":
-        """Integrate the frame of a law in its own coordinates; None without one, or where it nearly folds."""
+        """Integrate the frame of a law; None without one, or where it nearly folds."""
         if law.d != 1 or law.energy is None:
             return None
         assert isinstance(law.mass_term, PolynomialField)
@@ -81,7 +81,7 @@ def convert_to_law(lagrangian: Lagrangian, q: Float64[np.ndarray, "N d"]) -> Flo
     if lagrangian.coordinates is None:
         return q
     x = lagrangian.coordinates.evaluate(torch.as_tensor(q))[0].numpy()
-    straight = StraightCoordinate.of_law(lagrangian.in_own_coordinates())
+    straight = StraightCoordinate.of_law(lagrangian)
     return x if straight is None else straight.measure(x)
 
 
@@ -90,7 +90,7 @@ def convert_to_latents(lagrangian: Lagrangian, x: Float64[np.ndarray, "N d"]) ->
     """The whitened latents at coordinates over which a law is diagnosed; NaN where no latents have them."""
     if lagrangian.coordinates is None:
         return x
-    straight = StraightCoordinate.of_law(lagrangian.in_own_coordinates())
+    straight = StraightCoordinate.of_law(lagrangian)
     own = x if straight is None else straight.invert(x)
     return lagrangian.coordinates.invert(torch.as_tensor(own)).numpy()
 
@@ -119,7 +119,7 @@ def project_run(lagrangian: Lagrangian, region: OperatingRegion, *, what: str) -
             f"recording {region.d} and {region.n_u}; encode the recording with this run's own autoencoder"
         )
     law, max_degree, known = lagrangian.in_own_coordinates(), None, None
-    straight = StraightCoordinate.of_law(law)
+    straight = StraightCoordinate.of_law(lagrangian)
     if law.energy is not None:
         degrees, ball = law.form.degrees, law.energy.ball.numpy()
         max_degree = max(degrees.potential, degrees.inputs, 2 * degrees.matrices)
