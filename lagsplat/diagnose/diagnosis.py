@@ -161,7 +161,12 @@ def _judge_gap(
         checks["immaterial"] = {"effects": names, "share": asdict(holdout.beyond_refit)}
         judgement, chosen = judgement.reject("none"), ranking.none
     if holdout is not None and judgement.verdict in ("none", "unknown"):
-        judgement = judgement.reject("unknown" if is_open(holdout.refit_over_floor) else "none")
+        if is_open(holdout.refit_over_floor):
+            judgement = judgement.reject("unknown")
+        elif is_closed(holdout.refit_over_floor):
+            judgement = judgement.reject("none")
+        else:
+            checks["undetermined"] = [*checks.get("undetermined", []), _describe_doubt(holdout)]
     diagnosis = Diagnosis(
         verdict=judgement.verdict,
         candidates=_list_candidates(problem, ranking, judgement, holdout),
@@ -207,9 +212,23 @@ def is_open(over_floor: Interval) -> bool:
     return over_floor.value >= VERDICT.open_gap and over_floor.low > 1.0
 
 
+def is_closed(over_floor: Interval) -> bool:
+    """Whether an error is below `VERDICT.open_gap` times its floor."""
+    assert over_floor.value is not None
+    return over_floor.value < VERDICT.open_gap
+
+
+def _describe_doubt(holdout: HoldoutForecasts) -> str:
+    left, blocks = holdout.refit_over_floor, len(holdout.blocks)
+    return (
+        f"a refit leaves {left.value:.3g} times the expected error, but over {blocks} held-out stretches that "
+        f"can be chance (95 % interval {left.low:.2g} to {left.high:.2g}): record longer"
+    )
+
+
 def is_within_tolerance(holdout: HoldoutForecasts) -> bool:
     """Whether the gap is open as the sim was given, and a refit within its tolerances closes it."""
-    return is_open(holdout.given_over_floor) and not is_open(holdout.refit_over_floor)
+    return is_open(holdout.given_over_floor) and is_closed(holdout.refit_over_floor)
 
 
 def _measure_fits(sim: EstimatedSimulator, search: EffectSearch, judgement: Judgement) -> dict[str, Any]:
