@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view demo published test slurm-test campaigns scenarios lint types workflow docs notebooks lock package crate
+.PHONY: krauss physical view demo published test slurm-test campaigns scenarios lint types workflow docs tables notebooks lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -39,6 +39,10 @@ published: .venv/.installed
 # The documentation as a site, in build/docs; a broken link or docstring is an error.
 docs: .venv/.installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# The tables of README and documentation, from the files of results/published.
+tables: .venv/.installed
+	$(BIN)/python -m benchmarks.published_tables
 
 # The pictures and pages that the notebooks of the documentation show; they run in build/notebooks.
 notebooks: .venv/.installed

@@ -2,7 +2,8 @@
 
 Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
 runs in ``build/published``, so a call that was stopped goes on. Uncommitted changes are refused: the manifest
-names the commit. Figures are reduced to `WIDEST` pixels and 256 colours.
+names the commit. Figures are reduced to `WIDEST` pixels and 256 colours. The tables of
+the pages follow at the end.
 """
 
 import json
@@ -19,6 +20,7 @@ from typing import Any
 import yaml
 from PIL import Image
 
+from benchmarks.published_tables import write_pages
 from lagsplat.io.files.atomic import save_json, sha256_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -107,6 +109,7 @@ def main(*names: str) -> None:
         manifest[name] = make_folder(name, plan[name])
         save_json(MANIFEST, manifest)
         print(f"{name}: {manifest[name]['minutes']} min at {manifest[name]['commit']}", flush=True)
+    write_pages()
 
 
 if __name__ == "__main__":

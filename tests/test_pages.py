@@ -7,6 +7,7 @@ from types import ModuleType
 
 import pytest
 
+from benchmarks.published_tables import list_pages, write_pages
 from lagsplat.diagnose.effects.registry import catalogue
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +80,11 @@ def test_the_first_page_is_short() -> None:
 def test_published_results_are_few() -> None:
     files = [path for path in (ROOT / "results" / "published").rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) <= 4_000_000
+
+
+def test_tables_of_pages_are_those_of_the_published_files() -> None:
+    assert len(list_pages()) >= 5
+    assert write_pages("--check", "--diff") == 0, "make tables"
 
 
 def test_the_glossary_explains_the_terms() -> None:

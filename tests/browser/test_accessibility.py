@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.published_tables import list_published
 from lagsplat.report.common.printed_table import format_html
 from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.report.diagnosis.html import render_report
@@ -16,7 +17,6 @@ from tests.browser.chromium import browser, until
 from tests.browser.disc import disc
 from tests.browser.exported import DRAWN
 from tests.unit.report.diagnosis import made_content, made_diagnoses
-from tests.unit.report.tables.published import list_published
 
 KINDS = made_diagnoses.every_kind()
 UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"

@@ -6,15 +6,19 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from lagsplat import __version__
 from lagsplat.project import INSTALLED, PARTS, VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("lagsplat", *PARTS, "setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE")
+
+PYTHONS = ("3.11", "3.12", "3.13")
 
 pytestmark = pytest.mark.slow
 
@@ -42,15 +46,21 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module", params=["beside", pytest.param("alone", marks=pytest.mark.campaign)], ids=str)
+@pytest.fixture(
+    scope="module",
+    params=["beside", *(pytest.param(version, marks=pytest.mark.campaign) for version in PYTHONS)],
+    ids=str,
+)
 def programs(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the programs of a new environment with the wheel.
 
     ``beside``: what the wheel needs is borrowed from the environment of this test, so that nothing is
-    downloaded. ``alone``: pip installs it, in the versions of the lock.
+    downloaded. A version of Python: pip installs it there, in the versions of the lock, but for torch, which
+    neither plans nor diagnoses of logs need.
     """
     place = tmp_path_factory.mktemp("environment")
-    run(sys.executable, "-m", "venv", "--without-pip", place, cwd=place)
+    python = sys.executable if request.param == "beside" else find_python(request.param)
+    run(python, "-m", "venv", "--without-pip", place, cwd=place)
     pip = [
         sys.executable,
         "-m",
@@ -61,13 +71,24 @@ def programs(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pyte
         "--quiet",
         "--no-compile",
     ]
-    if request.param == "alone":
-        run(*pip, "--constraint", ROOT / "requirements" / "lock.txt", wheel, cwd=place)
-    else:
-        run(*pip, "--no-deps", wheel, cwd=place)
+    run(*pip, "--no-deps", wheel, cwd=place)
+    if request.param == "beside":
         packages = Path(sysconfig.get_path("purelib", vars={"base": str(place)}))
         (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    else:
+        needed = [line for line in requires("lagsplat") or [] if "extra ==" not in line]
+        rest = [line for line in needed if Requirement(line).name != "torch"]
+        assert len(rest) == len(needed) - 1
+        run(*pip, "--constraint", ROOT / "requirements" / "lock.txt", *rest, cwd=place)
     return place / "bin"
+
+
+def find_python(version: str) -> str:
+    """The interpreter of a version; the test is skipped where there is none."""
+    found = shutil.which(f"python{version}")
+    if found is None or subprocess.run([found, "--version"], capture_output=True, check=False).returncode:
+        pytest.skip(f"python{version} is not there")
+    return found
 
 
 def test_the_wheel_holds_the_pipeline_and_nothing_else(wheel: Path) -> None:
@@ -102,3 +123,10 @@ def test_the_pipeline_plans_in_a_new_folder(programs: Path, tmp_path: Path) -> N
     assert "stage1" in told
     assert "This was a dry-run" in told
     assert not (tmp_path / "rocker" / "results").exists()
+
+
+@pytest.mark.campaign
+def test_two_logs_are_diagnosed(programs: Path, tmp_path: Path) -> None:
+    told = run(programs / "python", ROOT / "examples" / "04_diagnose_two_csv.py", cwd=tmp_path)
+    assert "coulomb_friction" in told
+    assert (tmp_path / "diagnosis" / "report.html").is_file()

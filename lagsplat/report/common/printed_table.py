@@ -320,6 +320,27 @@ def _join(texts: Sequence[str]) -> str:
     return " & ".join(texts) + r" \\"
 
 
+def format_markdown(table: PrintedTable) -> str:
+    """Format the rows of a table for a page in Markdown, blocks below each other, then caption and notes."""
+    headings = [f"{column.over} {column.title} {column.below}".strip() for column in table.columns]
+    rules = [":-:" if column.is_number else "---" for column in table.columns]
+    lines = [_join_markdown(headings), _join_markdown(rules)]
+    for title, rows in table.blocks:
+        lines += [_join_markdown([f"*{title}*", *[""] * (len(headings) - 1)])] if title else []
+        lines += [_join_markdown(map(_cell_markdown, row)) for row in rows]
+    return "\n".join([*lines, "", " ".join([table.caption, *table.notes]).strip()])
+
+
+def _cell_markdown(cell: Cell) -> str:
+    mark = "**" if cell.bold else "*" if cell.italic else ""
+    raised = f"<sup>{cell.mark}</sup>" if cell.mark else ""
+    return " ".join(filter(None, [f"{mark}{cell.text}{mark}{raised}", cell.small]))
+
+
+def _join_markdown(texts: Iterable[str]) -> str:
+    return f"| {' | '.join(text.replace('|', chr(92) + '|') for text in texts)} |"
+
+
 def format_html(tables: Sequence[PrintedTable]) -> str:
     """Format tables as one page that needs no other file, in light or dark as the reader's device asks."""
     loader = PackageLoader("lagsplat.report.common")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.published_tables import LAYOUTS, ROOT, list_published, read_titles
 from lagsplat.report.common.printed_table import PrintedTable, format_html, format_latex
 from lagsplat.report.common.table_rows import build_rows, build_table
 from lagsplat.report.tables.extrapolation import (
@@ -22,7 +23,6 @@ from lagsplat.report.tables.learned_physics import (
     lay_out_mass,
     lay_out_recipes,
 )
-from tests.unit.report.tables.published import LAYOUTS, ROOT, list_published, read_titles
 from tests.unit.report.tables.test_benchmark import names, run
 from tests.unit.report.tables.test_extrapolation import RUN, found, other
 from tests.unit.report.tables.test_forces import TRUTH

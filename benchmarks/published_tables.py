@@ -1,12 +1,18 @@
-"""The published tables as the workflow wrote them, laid out for print."""
+"""The published tables, laid out for print and for the pages of the documentation.
 
+A page has a table between two comments, ``[[[cog show("quick_baselines/krauss") ]]]`` and ``[[[end]]]``:
+``make tables`` writes it again from its file, and a test compares the two.
+"""
+
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pandas as pd
 import yaml
+from cogapp import Cog
 
-from lagsplat.report.common.printed_table import PrintedTable
+from lagsplat.report.common.printed_table import PrintedTable, format_markdown
 from lagsplat.report.tables.benchmark import lay_out_benchmark, lay_out_margins
 from lagsplat.report.tables.deformation import lay_out_deformation
 from lagsplat.report.tables.extrapolation import lay_out_extrapolation
@@ -20,7 +26,7 @@ from lagsplat.report.tables.learned_physics import (
     lay_out_truth,
 )
 
-ROOT = Path(__file__).resolve().parents[4]
+ROOT = Path(__file__).resolve().parents[1]
 LAYOUTS: dict[str, Callable[..., list[PrintedTable]]] = {
     "krauss": lay_out_benchmark,
     "deformation": lay_out_deformation,
@@ -50,3 +56,26 @@ def list_published() -> Iterator[tuple[Path, list[PrintedTable]]]:
     for path in sorted((ROOT / "results/published").rglob("*.csv")):
         if path.stem in LAYOUTS:
             yield path, LAYOUTS[path.stem](pd.read_csv(path), titles=read_titles())
+
+
+def show(name: str, part: int = 0) -> None:
+    """Print a part of a published table, such as ``quick_baselines/krauss``, for the page that has it."""
+    path = ROOT / "results/published" / f"{name}.csv"
+    tables = LAYOUTS[path.stem](pd.read_csv(path), titles=read_titles())
+    print(f"\n{format_markdown(tables[part])}\n")
+
+
+def list_pages() -> list[Path]:
+    """The pages that have a table of a published file."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page for page in pages if "[[[cog" in page.read_text("utf-8")]
+
+
+def write_pages(*options: str) -> int:
+    """Write the tables of all pages again; with ``--check`` compare them. Returns cog's exit status."""
+    prologue = "from benchmarks.published_tables import show"
+    return int(Cog().main(["cog", "-r", "-P", "-p", prologue, *options, *map(str, list_pages())]) or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(write_pages())
