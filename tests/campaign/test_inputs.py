@@ -22,6 +22,7 @@ FOUND = [
     ("safetensors", 1, 43),  # TypeError, and other entries of a header
     ("safetensors", 1, 47),
     ("safetensors", 1, 52),
+    ("robomimic", 3, 82),  # HDF5: never came back from a damaged heap
 ]
 NEW = [(kind, 0, number) for kind in FORMATS if kind != "mat" for number in range(4)]
 
