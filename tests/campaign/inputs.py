@@ -1,6 +1,6 @@
 """Damaged inputs: files of every kind that is read, mutated at random, tried in processes with bounds.
 
-Usage: ``python -m tests.campaign.inputs SEED COUNT [--counts FILE] [format ...]``. Input number ``i`` of a
+Usage: ``python -m tests.campaign.inputs SEED COUNT [format ...] [--counts FILE]``. Input number ``i`` of a
 format depends on seed, format and ``i`` alone. A reader may take an input or refuse it with a `ValueError` or
 an `OSError`; `lagsplat inspect` ends with 0 or 2. Anything else is a finding: another error, a crash, more
 than `MOST_S` or `MOST_MB`, or a file that appears beside the input. A process tries `RENEWED` inputs, one

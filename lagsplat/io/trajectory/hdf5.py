@@ -272,7 +272,8 @@ def _read_text(path: Path, group: str, name: str) -> str:
     Raises:
         OSError: the library does not come back, or finds the damage.
     """
-    words = [sys.executable, "-c", READ_TEXT, str(path), group, name, str(MOST_S)]
+    # With -P no program that lies in the working directory is taken for a module.
+    words = [sys.executable, "-P", "-c", READ_TEXT, str(path), group, name, str(MOST_S)]
     try:
         done = subprocess.run(
             words, capture_output=True, timeout=PATIENCE_S, check=False, **ends_with_this_process()
