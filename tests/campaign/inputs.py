@@ -75,8 +75,9 @@ gear="2"/></actuator></mujoco>
 
 
 def inspect(path: Path) -> None:
-    """`lagsplat inspect`, which ends with 0 or 2."""
-    code = lagsplat(["inspect", str(path)])
+    """`lagsplat inspect`, which ends with 0 or 2; a film's sheet goes elsewhere."""
+    with tempfile.TemporaryDirectory() as elsewhere:
+        code = lagsplat(["inspect", str(path), f"sheet={elsewhere}/sheet.png"])
     assert code in (0, 2), f"lagsplat inspect ends with {code}"
 
 
