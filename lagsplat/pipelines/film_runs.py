@@ -1,11 +1,9 @@
 """A film as the simulator: a run is fitted to it once, kept in a cache, and is the simulator from then on."""
 
-import fcntl
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from lagsplat.diagnose.core.config import DiagnoseConfig
 from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.imaging.video_checks import drop_unusable_frames
 from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.files.lease import hold_lease
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
@@ -86,7 +85,8 @@ def fit_film(
             _check_film(film, recording, experiment)
             _check_real(real, recording, experiment)
             show_fit(f"{about.what}; {about.remedy}")
-            with _lock(folder, show_fit):
+            waiting = f"another process fits the run in {folder}; waiting for it"
+            with hold_lease(folder, on_wait=lambda: show_fit(waiting)):
                 if not _is_complete(folder):
                     _fit(film, experiment, folder, recording)
     kept = load_recording(folder / "recording.safetensors")
@@ -164,19 +164,6 @@ def _fit(film: DataSource, experiment: Config, folder: Path, recording: Recordin
         fit_run(experiment, out=folder, recording=recording)
     except (ValueError, FloatingPointError) as error:
         raise ValueError(f"{film.path}: no run could be fitted to this film. {error}") from error
-
-
-@contextmanager
-def _lock(folder: Path, show_fit: Callable[[str], None]) -> Iterator[None]:
-    """Wait for other processes that fit this run; the system releases the lock when a process ends."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / ".lock", "w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            show_fit(f"another process fits the run in {folder}; waiting for it")
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
 
 
 def _read_film(film: DataSource, experiment: Config) -> tuple[Config, Recording]:

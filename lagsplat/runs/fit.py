@@ -19,12 +19,13 @@ from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.recording.segments import split_train_held_out
 from lagsplat.matter.field import save_matter
 from lagsplat.novel_views.sharp import obtain_views
-from lagsplat.provenance import code_digest
+from lagsplat.provenance import code_digest, sha256_hex
 from lagsplat.runs.run import FittedRun, find_matter
 from lagsplat.stage1.autoencoder import save_autoencoder
 from lagsplat.stage1.fit import fit_autoencoder
 from lagsplat.stage1.linear_response import InputHistory
 from lagsplat.stage2.decoder_mass import compute_decoder_geometry
+from lagsplat.stage2.finished_fits import FinishedFits
 from lagsplat.stage2.fit import fit_dynamics, save_dynamics
 from lagsplat.systems.simulate import simulate_system
 from lagsplat.systems.truth import Truth
@@ -49,8 +50,8 @@ def fit_run(
 ) -> FittedRun:
     """Fit every stage to the experiment's recording and write the artefacts to the folder ``out``.
 
-    The first seed of the experiment is used. A fit that was stopped
-    continues from the checkpoint of stage 1.
+    The first seed of the experiment is used. A fit that was stopped continues from its checkpoints, with the
+    same result: stage 1 from the last step that was kept, stage 2 after the last of its fits.
 
     Args:
         experiment: From `lagsplat.compose`.
@@ -83,7 +84,8 @@ def _fit_stages(
     recording = split_train_held_out(made, experiment.recording.split)
     train, _ = recording.split()
     save_recording(out / "recording.safetensors", recording)
-    checkpoint, seed = out / "checkpoint" / "state.pt", experiment.seeds[0]
+    checkpoint, fits = (out / "checkpoint" / name for name in ("state.pt", "fits.pt"))
+    seed = experiment.seeds[0]
     identity = f"{header} {recording.meta.get('sha256')} {recording.n_train} {seed}"
     novel = supervision = views = None
     if experiment.views is not None:
@@ -126,6 +128,7 @@ def _fit_stages(
         geometry=compute_decoder_geometry(autoencoder, chart),
         measured=chart.train,
         on_candidate=lambda row: log.info("%s", row),
+        recall=FinishedFits(fits, identity=f"{identity} {sha256_hex(chart.train.latents.tobytes())}"),
     )
     for warning in report.warnings:
         log.warning("%s", warning)
@@ -133,5 +136,6 @@ def _fit_stages(
     curves = {"stage1": [point._asdict() for point in curve], "stage2": [asdict(row) for row in report.curve]}
     for rule, rows in curves.items():
         track(experiment.tracking, rows, run=str(out), rule=rule, settings=asdict(experiment))
-    checkpoint.unlink(missing_ok=True)
+    for finished in (checkpoint, fits):
+        finished.unlink(missing_ok=True)
     return FittedRun(recording, autoencoder, chart, lagrangian, folder=out)

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -27,6 +28,7 @@ from lagsplat.stage2 import objective
 from lagsplat.stage2.amplitude import measure_quietest_frequency
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
+from lagsplat.stage2.finished_fits import Recall, Result, solve_anew
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
 from lagsplat.stage2.lagrangian import (
     Coefficients,
@@ -140,6 +142,7 @@ def fit_dynamics(
     geometry: DecoderGeometry | None = None,
     measured: EncodedTrajectory | None = None,
     on_candidate: Callable[[CurveRow], None] = lambda row: None,
+    recall: Recall = solve_anew,
 ) -> tuple[Lagrangian, FitReport]:
     """Fit M, C, V and nu to a smoothed training trajectory in whitened latents.
 
@@ -150,7 +153,8 @@ def fit_dynamics(
     worse.
 
     ``metric`` is the visibility metric without ridge, ``rest`` the encoding of the rest image, ``geometry``
-    that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate.
+    that of the decoder, for an induced mass. ``on_candidate`` is called with every scored candidate. Results
+    of long steps pass through ``recall``, which may know them from a process that was stopped.
 
     Raises:
         ValueError: segments too short for a window, latents that do not move, or a missing geometry.
@@ -158,7 +162,7 @@ def fit_dynamics(
     Source: paper, "Stage 2: Latent Lagrangian Dynamics".
     """
     torch.manual_seed(seed)
-    fit = DynamicsFit(trajectory, metric, config, seed, on_candidate)
+    fit = DynamicsFit(trajectory, metric, config, seed, on_candidate, recall)
     report, best = fit.report, fit.best
     if config.start.source == "likelihood":
         report.unused_steps = config.steps
@@ -348,7 +352,9 @@ class DynamicsFit:
         config: Stage2Config,
         seed: int,
         on_candidate: Callable[[CurveRow], None],
+        recall: Recall = solve_anew,
     ) -> None:
+        self.recall = recall
         unit = choose_time_unit(trajectory, metric, stride_frames=config.stride_frames)
         self.period_frames = max(4, round(2.0 * np.pi * unit / trajectory.dt_s))
         self.time_unit_s = trajectory.dt_s if config.start.time_unit == "frame" else unit
@@ -387,7 +393,7 @@ class DynamicsFit:
             measure=self.score_law,
             validate=self.validation.measure,
         )
-        self.likelihood = LikelihoodFit(weak_form, trajectory, self.config.likelihood)
+        self.likelihood = LikelihoodFit(weak_form, trajectory, self.config.likelihood, recall=self.recall)
         start = weak_form.choose_start()
         self.most_likely = chosen = self.likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
@@ -429,15 +435,30 @@ class DynamicsFit:
         )
         iterations = config.likelihood.network_iterations
         self.score_candidate("linearized", 0, float("nan"))
-        missed = project_law(law, self.lagrangian, self.trajectory, iterations=iterations, seed=self.seed)
+        project = partial(project_law, law, iterations=iterations, seed=self.seed)
+        missed = self._recall_fit(lambda networks: project(networks, self.trajectory))
         self.score_candidate("projection", iterations, missed)
         self.report.scores["projection"] = self.best.score
         self.best.restore(self.lagrangian)
         solved = self.likelihood.solve_windows(self.most_likely)
-        fitted = fit_networks(self.lagrangian, law, solved, iterations=iterations)
-        self.score_candidate("networks", iterations, fitted.cost)
+        cost = self._recall_fit(
+            lambda networks: fit_networks(networks, law, solved, iterations=iterations).cost
+        )
+        self.score_candidate("networks", iterations, cost)
         self.report.scores["networks"] = self.best.score
         self.best.restore(self.lagrangian)
+
+    def _recall_fit(self, fit: Callable[[Lagrangian], float]) -> float:
+        """Fit the law in place, or take over what an earlier process made of it; what the fit returns."""
+
+        def solve() -> Result:
+            left = fit(self.lagrangian)
+            return {"left": left, **self.lagrangian.state_dict()}
+
+        told = dict(self.recall(solve))
+        left = told.pop("left")
+        self.lagrangian.load_state_dict(told)
+        return left
 
     def start(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
         """Make the Lagrangian, with fitted or isotropic constant parts and networks that are zero."""

@@ -1,13 +1,18 @@
-"""Damaged inputs: files of every kind that is read, mutated at random, each in a process of its own.
+"""Damaged inputs: files of every kind that is read, mutated at random, tried in processes with bounds.
 
-Usage: ``python -m tests.campaign.inputs SEED COUNT [format ...]``. Input number ``i`` of a format depends on
-seed, format and ``i`` alone. A reader may take an input or refuse it with a `ValueError` or an `OSError`;
-`lagsplat inspect` ends with 0 or 2. Anything else is a finding: another error, a crash, more than `MOST_S` or
-`MOST_MB`, or a file that appears beside the input. Prints examples of each kind of finding and a count for
-each format; the exit code is 1 if there is a finding.
+Usage: ``python -m tests.campaign.inputs SEED COUNT [format ...] [--counts FILE]``. Input number ``i`` of a
+format depends on seed, format and ``i`` alone. A reader may take an input or refuse it with a `ValueError` or
+an `OSError`; `lagsplat inspect` ends with 0 or 2. Anything else is a finding: another error, a crash, more
+than `MOST_S` or `MOST_MB`, or a file that appears beside the input. A process tries `RENEWED` inputs, one
+after another; what it finds, or does not survive, is tried again in a process of its own. Prints examples of
+each kind of finding and a count for each format, which ``--counts`` adds to a table; the exit code is 1 if
+there is a finding.
 """
 
+import argparse
+import csv
 import io
+import json
 import logging
 import os
 import random
@@ -21,8 +26,9 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -48,7 +54,9 @@ from tests.unit.pipelines.test_every_kind_of_file import (
     write_sysid_series,
 )
 
-MOST_S, MOST_MB = 20, 1500  # of one input; more is a finding
+MOST_S, MOST_MB = 20, 1500  # of a processor and of memory, for one input; more is a finding
+PATIENCE_S = 600  # by the clock: a busy machine may need more than `MOST_S`
+RENEWED = 250  # inputs of one process
 READS = (ValueError, OSError)  # what a reader may raise
 NUMBERS = (
     *("nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "0", "-0.0", "-1", "1e400", "9" * 40),
@@ -67,8 +75,9 @@ gear="2"/></actuator></mujoco>
 
 
 def inspect(path: Path) -> None:
-    """`lagsplat inspect`, which ends with 0 or 2."""
-    code = lagsplat(["inspect", str(path)])
+    """`lagsplat inspect`, which ends with 0 or 2; a film's sheet goes elsewhere."""
+    with tempfile.TemporaryDirectory() as elsewhere:
+        code = lagsplat(["inspect", str(path), f"sheet={elsewhere}/sheet.png"])
     assert code in (0, 2), f"lagsplat inspect ends with {code}"
 
 
@@ -323,29 +332,131 @@ def try_reader(path: Path, reader: Reader) -> str | None:
     return None
 
 
+def set_bounds() -> None:
+    """In a child process: silence, and the bounds of memory and of numbers that warn."""
+    for number in (1, 2):
+        os.dup2(os.open("/dev/null", os.O_WRONLY), number)
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + MOST_MB * 2**20,) * 2)
+    warnings.simplefilter("ignore")  # of numbers out of range, and of what a file lacks
+
+
+def within_time(path: Path, reader: Reader) -> str | None:
+    """In a child process that is killed when a reader takes too long."""
+    signal.setitimer(signal.ITIMER_PROF, MOST_S)
+    signal.alarm(PATIENCE_S)
+    found = try_reader(path, reader)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.alarm(0)
+    return found
+
+
 def in_child(path: Path, reader: Reader) -> str | None:
     """The same in a process with bounds, of which the end is judged as well."""
     receive, send = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(receive)
-        for number, name in ((1, "/dev/null"), (2, "/dev/null")):
-            os.dup2(os.open(name, os.O_WRONLY), number)
-        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (size + MOST_MB * 2**20,) * 2)
-        signal.alarm(MOST_S)
-        warnings.simplefilter("ignore")  # of numbers out of range, and of what a file lacks
-        found = try_reader(path, reader) or ""
+        set_bounds()
+        found = within_time(path, reader) or ""
         os.write(send, found.encode(errors="replace")[:4000])
         os._exit(0)
     os.close(send)
     with os.fdopen(receive, "rb") as pipe:
         found = pipe.read().decode()
+    return describe_end(child) or found or None
+
+
+def describe_end(child: int) -> str | None:
+    """How a child process was killed; None if it ended by itself."""
     _, status = os.waitpid(child, 0)
-    if os.WIFSIGNALED(status):
-        number = os.WTERMSIG(status)
-        return f"longer than {MOST_S} s" if number == signal.SIGALRM else signal.Signals(number).name
-    return found or None
+    if not os.WIFSIGNALED(status):
+        return None
+    number = os.WTERMSIG(status)
+    bounds = {
+        signal.SIGPROF: f"more than {MOST_S} s of a processor",
+        signal.SIGALRM: f"longer than {PATIENCE_S} s",
+    }
+    return bounds.get(number) or signal.Signals(number).name
+
+
+@dataclass(frozen=True)
+class Original:
+    """A whole file of a format, what is read of it, and the folder in which its mutations lie."""
+
+    kind: str
+    name: str
+    data: bytes
+    place: Path
+
+    def try_input(
+        self, seed: int, number: int, attempt: Callable[[Path, Reader], str | None]
+    ) -> dict[str, str]:
+        """What is wrong with how the readers take one input, by their names."""
+        folder = Path(tempfile.mkdtemp(dir=self.place))
+        path, wrong = folder / self.name, {}
+        path.write_bytes(mutated(self.kind, self.data, seed, number))
+        os.chdir(folder)
+        for reader in FORMATS[self.kind][1]:
+            name = getattr(reader, "__name__", str(reader))
+            if found := attempt(path, reader):
+                wrong[name] = found
+            if [each.name for each in folder.iterdir()] != [path.name]:
+                wrong[name] = "a file appeared beside the input"
+        os.chdir("/")
+        shutil.rmtree(folder)
+        return wrong
+
+
+class Worker:
+    """A process that tries one input after another, until one ends it."""
+
+    def __init__(self, original: Original, seed: int) -> None:
+        (asks, self._ask), (self._answer, answers) = os.pipe(), os.pipe()
+        self.tried, self.child = 0, os.fork()
+        if self.child == 0:
+            os.close(self._ask), os.close(self._answer)
+            set_bounds()
+            with os.fdopen(asks) as numbers, os.fdopen(answers, "w") as told:
+                for line in numbers:
+                    wrong = original.try_input(seed, int(line), within_time)
+                    print(json.dumps(wrong), file=told, flush=True)
+            os._exit(0)
+        os.close(asks), os.close(answers)
+        self._answers = os.fdopen(self._answer)
+
+    def try_input(self, number: int) -> dict[str, str] | None:
+        """What is wrong with one input; None if the process has not survived it."""
+        self.tried += 1
+        os.write(self._ask, f"{number}\n".encode())
+        line = self._answers.readline()
+        return json.loads(line) if line else None
+
+    def end(self) -> str | None:
+        """Let the process end; how it was killed, if it was."""
+        os.close(self._ask)
+        self._answers.close()
+        return describe_end(self.child)
+
+
+def list_findings(original: Original, seed: int, numbers: Sequence[int]) -> Iterator[tuple[int, str, str]]:
+    """Number, reader and what is wrong, of every input that is answered badly."""
+    worker: Worker | None = None
+    for number in numbers:
+        worker = worker or Worker(original, seed)
+        wrong = worker.try_input(number)
+        if wrong is None or wrong:
+            ended, worker = worker.end(), None
+            alone = original.try_input(seed, number, in_child)
+            found = alone or wrong or {"a reader": f"after others alone: {ended}"}
+            # Memory may have been short because of the inputs before.
+            if alone or not any("MemoryError" in each for each in found.values()):
+                yield from ((number, reader, what) for reader, what in found.items())
+        elif worker.tried == RENEWED:
+            worker.end()
+            worker = None
+    if worker is not None:
+        worker.end()
 
 
 def run(kind: str, seed: int, numbers: Sequence[int]) -> Counter[str]:
@@ -354,44 +465,41 @@ def run(kind: str, seed: int, numbers: Sequence[int]) -> Counter[str]:
     findings: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as place:
         made = write(Path(place))
-        data = made.read_bytes()
         for reader in readers:
             # Here first, so that no child has to load and compile what it needs.
             if wrong := try_reader(made, reader) or in_child(made, reader):
                 raise SystemExit(f"{kind}: the unchanged file is not read: {wrong}")
-        for number in numbers:
-            folder = Path(tempfile.mkdtemp(dir=place))
-            path = folder / made.name
-            path.write_bytes(mutated(kind, data, seed, number))
-            os.chdir(folder)
-            for reader in readers:
-                wrong = in_child(path, reader)
-                if [each.name for each in folder.iterdir()] != [path.name]:
-                    wrong = "a file appeared beside the input"
-                if wrong:
-                    told = re.sub(r"/\S+|\d+", "#", wrong)[:90]
-                    findings[told] += 1
-                    if findings[told] <= 2:
-                        name = getattr(reader, "__name__", str(reader))
-                        print(f"  ONE {kind} {seed} {number}, {name}: {wrong}", flush=True)
-            os.chdir("/")
-            shutil.rmtree(folder)
+        original = Original(kind, made.name, made.read_bytes(), Path(place))
+        for number, reader, wrong in list_findings(original, seed, numbers):
+            told = re.sub(r"/\S+|\d+", "#", wrong)[:90]
+            findings[told] += 1
+            if findings[told] <= 2:
+                print(f"  ONE {kind} {seed} {number}, {reader}: {wrong}", flush=True)
     return findings
 
 
-def main(seed: int, count: int, kinds: Sequence[str]) -> int:
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.campaign.inputs")
+    parser.add_argument("seed", type=int)
+    parser.add_argument("count", type=int)
+    parser.add_argument("--counts", type=Path, help="a table to which the counts are added")
+    parser.add_argument("formats", nargs="*", choices=[[], *FORMATS])
+    given = parser.parse_args(words)
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)
     cv2.setNumThreads(1)
     bad = 0
-    for kind in kinds or FORMATS:
+    for kind in given.formats or FORMATS:
         began = time.monotonic()
-        findings = run(kind, seed, range(count))
-        bad += sum(findings.values())
-        seconds = time.monotonic() - began
-        print(f"{kind:12} {count} inputs, {sum(findings.values())} findings, {seconds:.0f} s", flush=True)
+        findings = run(kind, given.seed, range(given.count))
+        found, seconds = sum(findings.values()), round(time.monotonic() - began)
+        bad += found
+        print(f"{kind:12} {given.count} inputs, {found} findings, {seconds} s", flush=True)
+        if given.counts:
+            with given.counts.open("a", newline="", encoding="utf-8") as table:
+                csv.writer(table).writerow([kind, given.seed, given.count, found, seconds])
     return 1 if bad else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]))
+    sys.exit(main(sys.argv[1:]))

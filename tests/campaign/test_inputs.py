@@ -22,13 +22,18 @@ FOUND = [
     ("safetensors", 1, 43),  # TypeError, and other entries of a header
     ("safetensors", 1, 47),
     ("safetensors", 1, 52),
+    ("robomimic", 3, 82),  # HDF5: never came back from a damaged heap
+    ("mjcf", 12, 239),  # MuJoCo: a warning in a file in the working directory
 ]
 NEW = [(kind, 0, number) for kind in FORMATS if kind != "mat" for number in range(4)]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="every input has a process of its own")
 @pytest.mark.parametrize(("kind", "seed", "number"), [*FOUND, *NEW])
-def test_a_damaged_input_is_taken_or_refused(tmp_path: Path, kind: str, seed: int, number: int) -> None:
+def test_a_damaged_input_is_taken_or_refused(
+    tmp_path: Path, kind: str, seed: int, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     write, readers = FORMATS[kind]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -25,6 +25,8 @@ rule stage2:
         cfg=section("stage2"),
         before=before("stage2"),
         code=script_digest(SCRIPTS / "stage2/stage2.py"),
+        # Not an output: it must outlive a failed or killed job. A finished one deletes it.
+        checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/checkpoint/state.pt",
     message:
         "Stage 2: {wildcards.stage2} dynamics of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:

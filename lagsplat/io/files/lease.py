@@ -11,7 +11,7 @@ import logging
 import os
 import signal
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,11 +21,14 @@ from lagsplat.io.files.atomic import StrPath
 
 DURATION_S = 30.0
 """How long a lease stands still before another machine takes it over [s]; the same everywhere."""
+POLL_S = 0.2  # between two looks at a lease that is waited for
 log = logging.getLogger(__name__)
 
 
 @contextmanager
-def hold_lease(target: StrPath, *, duration_s: float = DURATION_S) -> Iterator[Path]:
+def hold_lease(
+    target: StrPath, *, duration_s: float = DURATION_S, on_wait: Callable[[], None] | None = None
+) -> Iterator[Path]:
     """Hold the lease of ``target``, a file or the folder of a run that this process makes, in the block.
 
     While a process of another machine holds it, this one waits for up to one and a half durations. A process
@@ -34,12 +37,14 @@ def hold_lease(target: StrPath, *, duration_s: float = DURATION_S) -> Iterator[P
     Args:
         target: What is made. The lease lies in the same folder, which is created, and not in ``target``.
         duration_s: As `DURATION_S`; every process that makes this target must give the same.
+        on_wait: Called before this process waits until the other has ended; without it, it does not wait.
 
     Yields:
         The file of the lease.
 
     Raises:
-        BlockingIOError: another process makes ``target``; the message names it. Or the lease was lost.
+        BlockingIOError: another process makes ``target``, which the message names, and there is no
+            ``on_wait``. Or the lease was lost.
         OSError: the folder cannot be written.
     """
     path = locate_lease(target)
@@ -49,12 +54,10 @@ def hold_lease(target: StrPath, *, duration_s: float = DURATION_S) -> Iterator[P
         # The lease of a process that has ended here is taken over first, so what is left after that lives.
         lease.acquire(timeout=1.5 * duration_s, cancel_check=lambda: _is_held_here(lease))
     except Timeout:
-        owner = lease.owner
-        holder = "another process" if owner is None else f"process {owner.pid} on {owner.hostname}"
-        raise BlockingIOError(
-            f"{target}: {holder} is making it, and two at once would mix their results; wait for that "
-            f"process or end it, then run again. If there is no such process, delete {path}"
-        ) from None
+        if on_wait is None:
+            raise _refusal(target, path, lease) from None
+        on_wait()
+        lease.acquire(poll_interval=POLL_S)
     try:
         yield path
     finally:
@@ -64,6 +67,15 @@ def hold_lease(target: StrPath, *, duration_s: float = DURATION_S) -> Iterator[P
             f"{target}: another process has taken over {path} in the meantime ({lease.compromise.reason}), "
             "because this one stood still; what was made here may be mixed with its results: run again"
         )
+
+
+def _refusal(target: StrPath, path: Path, lease: SoftFileLease) -> BlockingIOError:
+    owner = lease.owner
+    holder = "another process" if owner is None else f"process {owner.pid} on {owner.hostname}"
+    return BlockingIOError(
+        f"{target}: {holder} is making it, and two at once would mix their results; wait for that "
+        f"process or end it, then run again. If there is no such process, delete {path}"
+    )
 
 
 def locate_lease(target: StrPath) -> Path:

@@ -4,6 +4,8 @@ Only numbers inside the file are read. Links are not followed, so that no other 
 """
 
 import json
+import subprocess
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Mapping
@@ -16,11 +18,26 @@ import numpy as np
 from lagsplat.io.files.optional_package import require_package
 from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, propose_names
 from lagsplat.io.trajectory.timing import lay_out_clocks
+from lagsplat.processes import ends_with_this_process
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 DEMOS, ACTIONS, SETTINGS, RATE = "data", "actions", "env_args", "control_freq"
 """Names of robomimic: demonstrations, what was commanded, and settings with the rate of control [Hz]."""
 MOST_COLUMNS = 256  # of one dataset; a wider one is a picture or a state of something else
+MOST_S, PATIENCE_S = 3, 120  # of a processor, and of the clock, for a text that is read in milliseconds
+READ_TEXT = """
+import sys
+import h5py
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[4]),) * 2)
+except ImportError:
+    pass
+with h5py.File(sys.argv[1], "r") as file:
+    text = file[sys.argv[2]].attrs[sys.argv[3]]
+sys.stdout.buffer.write(text.encode(errors="replace") if isinstance(text, str) else b"")
+"""
+"""A program that prints the text of an attribute: file, group, attribute, seconds of a processor."""
 AGAIN = "copy or write the file again"
 DAMAGE = (OSError, RuntimeError, KeyError)
 """What HDF5 raises on a damaged file, by what it was asked."""
@@ -246,9 +263,32 @@ def _read_demos(path: Path, file: Any, contents: _Contents, demos: list[str], ti
     return Table(path.name, columns, np.arange(stops[-1]), row="sample")
 
 
+def _read_text(path: Path, group: str, name: str) -> str:
+    """The text of an attribute, empty if it is none, read by another process.
+
+    Text of any length lies in a heap of the file. Where that is damaged, HDF5 may look for its end forever,
+    and no signal but the last ends such a process.
+
+    Raises:
+        OSError: the library does not come back, or finds the damage.
+    """
+    # With -P no program that lies in the working directory is taken for a module.
+    words = [sys.executable, "-P", "-c", READ_TEXT, str(path), group, name, str(MOST_S)]
+    try:
+        done = subprocess.run(
+            words, capture_output=True, timeout=PATIENCE_S, check=False, **ends_with_this_process()
+        )
+    except subprocess.TimeoutExpired:
+        raise OSError(f"the attribute {name} of {group} cannot be read in {PATIENCE_S} s") from None
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip() or f"no answer within {MOST_S} s"
+        raise OSError(f"the attribute {name} of {group} cannot be read: {told.splitlines()[-1]}")
+    return done.stdout.decode(errors="replace")
+
+
 def _read_rate(path: Path, file: Any, demo: str) -> float:
     """Rate of control [Hz] in the settings of a robomimic file."""
-    text = file[DEMOS].attrs.get(SETTINGS)
+    text = _read_text(path, DEMOS, SETTINGS) if SETTINGS in file[DEMOS].attrs else ""
     try:
         rate_hz = float(json.loads(text)["env_kwargs"][RATE])
     except (TypeError, ValueError, KeyError) as error:

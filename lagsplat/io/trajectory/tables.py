@@ -116,8 +116,9 @@ sys.stdout.buffer.write(buffer.getvalue())
 
 def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """The numeric arrays of a MATLAB file, and the names of all that it holds."""
-    # In a process of its own: SciPy's compiled reader may crash on a damaged file.
-    command = [sys.executable, "-c", READ_MATLAB, str(path)]
+    # In a process of its own: SciPy's compiled reader may crash on a damaged file. With -P no program in the
+    # working directory is taken for a module.
+    command = [sys.executable, "-P", "-c", READ_MATLAB, str(path)]
     done = subprocess.run(command, capture_output=True, check=False)
     if done.returncode:
         told = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]

@@ -19,6 +19,7 @@ from jaxtyping import Float64
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import LikelihoodConfig
+from lagsplat.stage2.finished_fits import Recall, solve_anew
 from lagsplat.stage2.likelihood.fitted_law import (
     FIRST_COUPLING,
     FittedLaw,
@@ -55,9 +56,18 @@ class LikelihoodFit:
         weak_form: laws to start from, and the trajectory as encoded.
         smooth: the trajectory, smoothed, from which windows take their first states.
         settings: of the likelihood.
+        recall: of fits of windows in an earlier process.
     """
 
-    def __init__(self, weak_form: WeakFormFit, smooth: EncodedTrajectory, settings: LikelihoodConfig) -> None:
+    def __init__(
+        self,
+        weak_form: WeakFormFit,
+        smooth: EncodedTrajectory,
+        settings: LikelihoodConfig,
+        *,
+        recall: Recall = solve_anew,
+    ) -> None:
+        self.recall = recall
         self.weak_form, self.measured, self.settings = weak_form, weak_form.measured, settings
         self.smooth = replace(smooth, inputs=self.measured.inputs)
         self.form, self.seed = weak_form.form, weak_form.seed
@@ -226,6 +236,7 @@ class LikelihoodFit:
             least_growth=None if start.relevance is None or hold_law else INDIFFERENT,
             relevance=start.relevance,
             near=start.solved,
+            recall=self.recall,
         )
         evidence = -math.inf
         if fitted.missed < MEAN_STATE:

@@ -11,9 +11,9 @@ DOI 10.1137/0111030.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.normal_equations import NormalEquations, eliminate_states, solve_normal
+from lagsplat.stage2.finished_fits import Recall, Result, solve_anew
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.guard import Guard
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector, States
@@ -95,6 +96,23 @@ class MultipleShooting(WindowLikelihood):
                 now, small, damping = self._with_prior(theta, now), 0, FIRST_DAMPING
         self.parameters.write(theta)
         return self.describe(now, starts, steps=steps)
+
+    def fit_and_tell(self, starts: States, **settings: Any) -> Result:
+        """Fit as `fit` does; all that it changes and returns, as plain data."""
+        fitted = self.fit(starts, **settings)
+        arrays = {"rms": fitted.rms, "memory": fitted.memory, "relevance": self.prior.relevance}
+        return {
+            **asdict(fitted),
+            **{name: torch.from_numpy(array) for name, array in arrays.items()},
+            "law": self.parameters.read(),
+        }
+
+    def take_over(self, told: Result) -> WindowFit:
+        """Leave law and prior as the fit left them that told this; return its result."""
+        arrays = {name: told[name].numpy() for name in ("rms", "memory", "relevance")}
+        self.parameters.write(told["law"])
+        self.prior = replace(self.prior, relevance=arrays.pop("relevance"))
+        return WindowFit(**arrays, **{name: told[name] for name in ("starts", "cost", "missed", "steps")})
 
     def _follow_prior(
         self, theta: Float[Tensor, " p"], now: Residuals, normal: NormalEquations
@@ -318,6 +336,7 @@ def fit_windows(
     least_growth: float | None = None,
     relevance: Float64[np.ndarray, " g"] | None = None,
     near: tuple[MultipleShooting, WindowFit] | None = None,
+    recall: Recall = solve_anew,
 ) -> tuple[MultipleShooting, WindowFit]:
     """Fit a law in place to windows of ``n`` steps; return the problem and its solution.
 
@@ -335,6 +354,7 @@ def fit_windows(
         relevance: of the groups of the prior, at first.
         near: a fit of the same function; its window starts are the first guess if its windows are these, and
             points at which its map came near a fold are guarded.
+        recall: of the results of an earlier process.
 
     Raises:
         ValueError: no part is as long as a window.
@@ -358,17 +378,17 @@ def fit_windows(
     if near is not None and near[0].windows.n == n and np.array_equal(near[0].windows.frames, windows.frames):
         starts = near[1].starts
     fit = partial(
-        problem.fit,
+        problem.fit_and_tell,
         iterations=iterations,
         least_gain=least_gain,
         least_share=least_share,
         hold_law=hold_law,
         least_growth=least_growth,
     )
-    fitted = fit(starts)
+    fitted = problem.take_over(recall(partial(fit, starts)))
     for _ in range(REGUARDED):
         with torch.no_grad():
             if not guard.add_folds(parameters.coordinates):
                 break
-        fitted = fit(fitted.starts)
+        fitted = problem.take_over(recall(partial(fit, fitted.starts)))
     return problem, fitted

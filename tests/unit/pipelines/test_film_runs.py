@@ -1,6 +1,5 @@
 """A film as the sim: its run is fitted once, kept, continued, and refused before the fit where it must be."""
 
-import fcntl
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +14,7 @@ from lagsplat.cli.main import main
 from lagsplat.config.compose import ConfigError, compose
 from lagsplat.config.schema import Config
 from lagsplat.diagnose.core.config import DiagnoseConfig
+from lagsplat.io.files.lease import hold_lease
 from lagsplat.io.recording.recording import Recording, save_recording
 from lagsplat.io.sources import find_sources
 from lagsplat.pipelines import diagnosis_videos, film_runs
@@ -229,8 +229,7 @@ def test_processes_that_want_the_same_run_wait_for_one_another(films: Path, fits
         if "waiting for it" in text:
             waits.set()
 
-    with open(folder / ".lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with hold_lease(folder):
         other = threading.Thread(target=fit, args=(films / "sim.mkv", "held_out"), kwargs={"show_fit": show})
         other.start()
         assert waits.wait(60.0)

@@ -49,6 +49,19 @@ def test_a_lease_lies_beside_what_is_made_and_goes_with_the_block(tmp_path: Path
     assert list(target.parent.iterdir()) == []
 
 
+def test_who_waits_gets_the_lease_when_the_holder_has_ended(tmp_path: Path) -> None:
+    target, waits = tmp_path / "model", []
+    with holder(target) as process:
+
+        def end() -> None:
+            waits.append(process.pid)
+            process.kill()
+
+        with hold_lease(target, duration_s=DURATION_S, on_wait=end) as path:
+            assert path.is_file()
+    assert len(waits) == 1
+
+
 @pytest.mark.parametrize("date", [None, *DATES], ids=["now", "1970", "in ten years"])
 def test_a_second_writer_is_refused_whatever_the_date(tmp_path: Path, date: float | None) -> None:
     target = tmp_path / "model"

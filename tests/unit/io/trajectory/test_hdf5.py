@@ -81,8 +81,12 @@ def test_a_name_that_is_not_there_is_answered_by_what_is(tmp_path: Path) -> None
 
 
 @pytest.mark.filterwarnings("ignore:a.h5. column")
-def test_demonstrations_are_segments_at_the_rate_of_control(tmp_path: Path) -> None:
+def test_demonstrations_are_segments_at_the_rate_of_control(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     path = written(tmp_path / "a.h5", fill_demos)
+    Path("h5py.py").write_text("raise SystemExit('a program beside the file was run')", encoding="utf-8")
     columns = {"q0": "obs/joint_pos[2]", "u0": "actions[1]"}
     with pytest.warns(UserWarning, match=r"samples are 0\.05 s apart, by control_freq"):
         motion = read_trajectory(path, columns=columns)
@@ -209,6 +213,20 @@ def test_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         read_trajectory(path)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(ValueError, match=r"pip install 'lagsplat\[hdf5\]'"):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize("free", [0, 2**62], ids=["the library does not come back", "the library says so"])
+@pytest.mark.skipif(sys.platform == "win32", reason="seconds of a processor are bounded elsewhere")
+def test_settings_in_a_damaged_heap(tmp_path: Path, free: int) -> None:
+    path = written(tmp_path / "a.h5", fill_demos)
+    data = bytearray(path.read_bytes())
+    text = data.index(b"GCOL") + 16  # the first object of the heap, and after it the free space
+    size = int.from_bytes(data[text + 8 : text + 16], "little")
+    after = text + 16 + -(-size // 8) * 8
+    data[after + 8 : after + 16] = free.to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"a\.h5: damaged .*the attribute env_args of data cannot be read: "):
         read_trajectory(path)
 
 

@@ -25,6 +25,14 @@ def test_vectors_and_blocks_of_either_direction(tmp_path: Path, turned: bool) ->
     assert find_sources(str(path))[0].kind == "trajectory"
 
 
+def test_programs_beside_a_file_are_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    savemat("log.mat", {"t": TIME_S, "q": Q})
+    Path("scipy.py").write_text("open('ran', 'w')\nraise SystemExit(3)\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_trajectory(Path("log.mat")).q, Q)
+    assert not Path("ran").exists()
+
+
 def test_other_names_are_mapped(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     savemat(path, {"time": TIME_S[:, None], "angle": Q[:, 0]})
