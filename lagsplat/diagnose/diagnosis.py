@@ -221,8 +221,8 @@ def is_closed(over_floor: Interval) -> bool:
 def _describe_doubt(holdout: HoldoutForecasts) -> str:
     left, blocks = holdout.refit_over_floor, len(holdout.blocks)
     return (
-        f"a refit leaves {left.value:.3g} times the expected error, but over {blocks} held-out stretches that "
-        f"can be chance (95 % interval {left.low:.2g} to {left.high:.2g}): record longer"
+        f"a refit leaves {left.value:.3g} times the expected error, but over {blocks} held-out stretches "
+        f"that can be chance (95 % interval {left.low:.2g} to {left.high:.2g}): record longer"
     )
 
 

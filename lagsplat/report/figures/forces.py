@@ -26,11 +26,13 @@ from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad, SummedLoad
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.matter.field import join_points
-from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
+from lagsplat.report.common.formatting import MINUS
+from lagsplat.report.common.style import PAGE_IN, add_badge, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
 FORCE_COLOUR = "#AA1E1E"
+BEYOND = "beyond the recorded range"
 MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of the image
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
@@ -42,9 +44,9 @@ OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
 MIN_WIDTH_PX = 384  # smallest width of a rendered image
 N_BACKGROUND = 3
 MAPPED_ERRORS = (
-    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
-    ("shape", "shape of the answer (%)", 100.0, 100.0),
-    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
+    ("direction_deg", "direction of the pushed point", "degrees", 1.0, 60.0),
+    ("shape", "shape of the answer", "%", 100.0, 100.0),
+    ("amplitude", "amplitude after one poke", "%", 100.0, 100.0),
 )
 
 
@@ -133,7 +135,7 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
             if panel.spread is not None:
                 _draw_ellipse(axis, panel.arrows[0, 0], panel.spread)
             if panel.is_beyond:
-                axis.text(0.02, 0.02, "beyond the recording", color="white", transform=axis.transAxes)
+                add_badge(axis, BEYOND)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
         for axis in axes[len(panels.panels) :]:
             axis.set_axis_off()
@@ -287,11 +289,21 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
                     foot = push.grip.place(q[row]).numpy()
                     start, stop = camera.project(np.stack([foot, foot + length * push.directions[row - 1]]))
                     _draw_force(axis, start, stop - start)
-                text = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _describe_shift(push, row)
+                    if np.linalg.norm(push.states[row] - push.states[0]) > held.visited_radius:
+                        add_badge(axis, BEYOND)
+                text = (
+                    f"yaw {_tell_angle(yaw)}, pitch {_tell_angle(pitch)}"
+                    if row == 0
+                    else _describe_shift(push, row)
+                )
                 axis.set_title(f"({ascii_lowercase[3 * row + column]}) {text}", loc="left")
         for axis, name in zip(axes[:, 0], names, strict=True):
             axis.set_ylabel(name)
     return figure
+
+
+def _tell_angle(degrees: float) -> str:
+    return f"{degrees:+.0f}°".replace("-", MINUS) if degrees else "0°"
 
 
 def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
@@ -327,14 +339,15 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
             figure.text(0.01, 0.5, f"nothing was measured: {truth['refused']}", wrap=True)
             return figure
         rows = truth["map"]
-        for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
+        for axis, (name, what, unit, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
             _show(axis, image, (height, width), alpha=0.45)
             errors = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
             x, y, values = np.array(errors).reshape(-1, 3).T
             dots = axis.scatter(
                 x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
             )
-            figure.colorbar(dots, ax=axis, orientation="horizontal", extend="max", shrink=0.9, aspect=30)
+            below = {"orientation": "horizontal", "extend": "max", "shrink": 0.9, "aspect": 30}
+            figure.colorbar(dots, ax=axis, label=f"{unit}; median at each of {len(values)} points", **below)
             axis.set_title(what)
     return figure
 
