@@ -97,8 +97,8 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     columns = 1 + max(len(model.maps) for model in models)
     key = "black: no attention, white: the largest of the map; cross: its centre of mass"
     with paper_style():
-        width = min(PAGE_IN, 0.9 * columns + 1.0)
-        side = (width - 1.0) / columns
+        width = min(PAGE_IN, max(0.9 * columns + 1.0, 4.4))
+        side = min((width - 1.0) / columns, 1.0)
         figure = new_figure(width, (side + 0.35) * len(models) + 0.5, title=f"{title}\n{key}")
         axes = figure.subplots(len(models), columns, squeeze=False)
         for axis in axes.flat:

@@ -13,6 +13,7 @@ from lagsplat.report.common.formatting import format_number, format_unit
 from lagsplat.report.figures.training_curves import VISIBILITY, describe_share, order_by_visibility
 
 MIN_SHIFT_PX = 0.25
+ASIDE = 0.6  # share of the range of a coordinate by which a forecast may leave it within its panel
 ONE_SERIES_IN, SERIES_IN, INPUTS_IN = (
     1.7,
     1.0,
@@ -77,8 +78,7 @@ def _draw_series(figure: Any, view: LongRollout) -> None:
         axis.set_ylabel(f"$q_{{{index + 1}}}$", rotation=0, va="center", labelpad=8)
         if len(order) > 1:
             axis.set_title(describe_share(part), loc="right", pad=2)
-        margin = 0.12 * max(encoded.max() - encoded.min(), 1e-9)
-        axis.set_ylim(encoded.min() - margin, encoded.max() + margin)
+        axis.set_ylim(*_choose_limits(encoded, view.predicted[:, index]))
         if view.held_s is not None:
             axis.axvspan(view.held_s, view.time_s[-1], color=HELD_OUT_COLOUR, linewidth=0, zorder=0)
         if view.lost_s is not None:
@@ -92,6 +92,17 @@ def _draw_series(figure: Any, view: LongRollout) -> None:
     axes[-1].set_xlabel("time since the start (s)" + diverged)
     axes[-1].set_xlim(view.time_s[0], view.time_s[-1])
     figure.align_ylabels(axes)
+
+
+def _choose_limits(encoded: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """The range of both, but little more than that of the encoded coordinate where a forecast runs away."""
+    low, high = float(encoded.min()), float(encoded.max())
+    size = max(high - low, 1e-9)
+    lowest, highest = low - ASIDE * size, high + ASIDE * size
+    seen = predicted[np.isfinite(predicted)]
+    low = max(min(low, float(seen.min(initial=low))), lowest)
+    high = min(max(high, float(seen.max(initial=high))), highest)
+    return low - 0.08 * size, high + 0.08 * size
 
 
 def _draw_inputs(axis: Axes, view: LongRollout) -> None:
