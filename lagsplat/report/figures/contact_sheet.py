@@ -9,7 +9,7 @@ from PIL import Image
 from lagsplat.report.common.style import PAGE_IN, QUIET, new_figure, paper_style
 
 COLUMNS = 3
-GAP_IN, NAME_IN, TITLE_IN = 0.12, 0.2, 0.35
+EDGE_IN, GAP_IN, NAME_IN, TITLE_IN = 0.08, 0.12, 0.2, 0.3
 DPI = 300  # to which the pictures are reduced
 
 
@@ -21,12 +21,12 @@ def draw_contact_sheet(pictures: Sequence[tuple[str, Image.Image]], *, title: st
     """
     if not pictures:
         raise ValueError("no figure was planned, so there is nothing to put on a sheet")
-    cell_in = (PAGE_IN - GAP_IN * (COLUMNS - 1)) / COLUMNS
+    cell_in = (PAGE_IN - 2.0 * EDGE_IN - GAP_IN * (COLUMNS - 1)) / COLUMNS
     filled_in, places = [0.0] * COLUMNS, []
     for _, picture in pictures:
         column = int(np.argmin(filled_in))
         height_in = cell_in * picture.height / picture.width
-        places.append((column * (cell_in + GAP_IN), filled_in[column] + NAME_IN, height_in))
+        places.append((EDGE_IN + column * (cell_in + GAP_IN), filled_in[column] + NAME_IN, height_in))
         filled_in[column] += NAME_IN + height_in + GAP_IN
     height_in = TITLE_IN + max(filled_in)
     with paper_style():

@@ -25,8 +25,9 @@ from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad, SummedLoad
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.forces.rest_outline import draw_rest_mask
 from lagsplat.matter.field import join_points
-from lagsplat.report.common.formatting import MINUS
+from lagsplat.report.common.formatting import MINUS, format_number
 from lagsplat.report.common.style import PAGE_IN, add_badge, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
@@ -37,6 +38,7 @@ MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of th
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
 ARROW_SHARE = 0.4  # length of an arrow over the smaller side of the image, at the depth of the pivot
+LEAST_SHIFT = 5e-5  # smaller ones are printed as none
 MIN_PRINTED_SHIFT = 1e-3  # smaller shifts are printed by their order of magnitude
 SUPERSAMPLING = 4  # pixels rendered in place of one of the recording, each way
 DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
@@ -145,11 +147,15 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 def _describe_answer(panel: ForcePanel) -> str:
     distance = f"{panel.moved_px:.1f} px"
     if panel.spread is not None and panel.moved_px > 0.0:
-        distance += rf" $\pm$ {find_half_width(panel.spread):.1g}"
+        distance += rf" $\pm$ {format_number(find_half_width(panel.spread), digits=1)}"
         distance += ", undetermined" if is_undetermined(panel.spread, panel.moved_px) else ""
     if len(panel.shift) == 1:
-        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$, " + distance
+        return rf"$\Delta q = {_tell_shift(float(panel.shift[0]))}$, " + distance
     return distance
+
+
+def _tell_shift(shift: float) -> str:
+    return "0" if abs(shift) < LEAST_SHIFT else f"{shift:+.{2 if abs(shift) > 0.05 else 4}f}"
 
 
 def compute_force_panels(
@@ -192,9 +198,7 @@ def compute_force_panels(
         own, shift = None if spread is None else spread[i], (q - held.rest).numpy()
         beyond = float(np.linalg.norm(shift)) > held.visited_radius
         panels.append(ForcePanel(name, shift, moved_px, arrows, image, own, beyond))
-    return ForcePanels(
-        tuple(panels), moving_parts.draw_outline(scene, scale=scale), (held.height, held.width)
-    )
+    return ForcePanels(tuple(panels), draw_rest_mask(held, scale=scale), (held.height, held.width))
 
 
 def _push_rolling(

@@ -117,6 +117,7 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     return figure
 
 
+@paper_style()
 def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title: str) -> Figure:
     """Draw frames from the best to the worst reconstructed, their renders and absolute errors.
 
@@ -138,6 +139,7 @@ def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title
     return figure
 
 
+@paper_style()
 def draw_novel_views(
     autoencoder: Autoencoder, recording: Recording, views: NovelViews, *, title: str
 ) -> Figure:
