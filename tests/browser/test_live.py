@@ -37,8 +37,9 @@ def page(chromium, live):
 
 def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
     """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
-    box, image_plane = canvas_of(page), live.scene_view.canvas.image_plane
-    unit = 0.5 * box["height"] / (live.scene_view.canvas.far * np.tan(0.5 * 0.75)) / image_plane.unit
+    box, canvas = canvas_of(page), live.scene_view.canvas
+    fov = canvas.choose_fov(box["width"] / box["height"])
+    unit = 0.5 * box["height"] / (canvas.far * np.tan(0.5 * fov)) / canvas.image_plane.unit
     x = box["x"] + 0.5 * box["width"] + unit * (place[0] - 0.5 * SIZE[0])
     return x, box["y"] + 0.5 * box["height"] + unit * (place[1] - 0.5 * SIZE[1])
 

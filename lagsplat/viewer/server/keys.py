@@ -1,14 +1,11 @@
 """What keys do in the live view: arrows push where the object moves most, space pauses, R lets it rest."""
 
-import gzip
 import threading
 from collections.abc import Callable
-from functools import cache, partial
-from importlib.resources import files
+from functools import partial
 
 import numpy as np
 import viser
-from websockets.http11 import Response
 
 from lagsplat.forces.grasp import Place, Point
 from lagsplat.forces.operating_point import OperatingPoint
@@ -18,7 +15,6 @@ from lagsplat.viewer.simulation.session import Session
 ARROWS = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "up": (0.0, -1.0), "down": (0.0, 1.0)}
 NUDGE = 0.2  # way of a push by an arrow key over the picture's width, as of the exported page
 HOLD_S = 0.7  # after the last press; a key that is held down presses again sooner than that
-END = b"</body>"
 
 
 class KeyPush:
@@ -76,22 +72,3 @@ def bind_keys(gui: viser.GuiApi, loop: RealtimeLoop, operating_point: OperatingP
     bind("Pause or run", "space", toggle)
     bind("Rest", "R", lambda: loop.submit(lambda session: session.to_rest()))
     return push
-
-
-def leave_arrows_to_commands(response: Response) -> Response:
-    """Add to viser's page a script that keeps arrow keys from turning its camera; other files stay."""
-    if "text/html" in response.headers.get("Content-Type", ""):
-        packed = response.headers.get("Content-Encoding") == "gzip"
-        response.body = _add_script(response.body, packed)
-        del response.headers["Content-Length"]
-        response.headers["Content-Length"] = str(len(response.body))
-    return response
-
-
-@cache
-def _add_script(body: bytes, packed: bool) -> bytes:
-    page = gzip.decompress(body) if packed else body
-    source = files("lagsplat.viewer.server").joinpath("keys.js").read_bytes()
-    head, end, tail = page.rpartition(END)
-    page = head + b"<script>\n" + source + b"</script>" + end + tail
-    return gzip.compress(page, compresslevel=6) if packed else page
