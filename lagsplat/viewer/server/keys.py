@@ -36,19 +36,20 @@ class KeyPush:
         self.timer.daemon = True
         self.timer.start()
 
+    def find_target(self, session: Session) -> Point | Place:
+        """Where the place that moves most is now."""
+        place = self.operating_point.follow_matter_at(self.lever, session.q)
+        return tuple(float(x) for x in place)  # type: ignore[return-value]
+
     def _push(self, session: Session, way: tuple[float, float]) -> None:
         if session.active_grasp is None:
-            session.grasp(self._find_target(session))
-        elif self.grasped is None:
+            session.grasp(self.find_target(session))
+        elif session.active_grasp.grasp_point is not self.grasped:
             return  # a hand holds it
         drag = np.zeros(self.operating_point.matter.space)
         drag[:2] = self.reach * np.array(way)
         session.pull(drag)
         self.grasped = session.active_grasp.grasp_point if session.active_grasp is not None else None
-
-    def _find_target(self, session: Session) -> Point | Place:
-        place = self.operating_point.follow_matter_at(self.lever, session.q)
-        return tuple(float(x) for x in place)  # type: ignore[return-value]
 
     def _let_go(self, session: Session) -> None:
         if session.active_grasp is not None and session.active_grasp.grasp_point is self.grasped:

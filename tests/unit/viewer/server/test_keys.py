@@ -47,7 +47,7 @@ def test_an_arrow_pushes_that_way_until_shortly_after(live) -> None:
 
 
 def test_an_arrow_does_not_take_the_object_from_a_hand(live) -> None:
-    one, place = live.session, live.panel.keys._find_target(live.session)
+    one, place = live.session, live.panel.keys.find_target(live.session)
     live.loop.submit(lambda s: (s.grasp(place), s.pull(-np.eye(len(place))[0])))
     assert until(lambda: one.active_grasp is not None and one.active_grasp.force[0] < 0.0)
     live.panel.keys.press(keys.ARROWS["right"])
