@@ -102,6 +102,22 @@ def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
     until(lambda: session.active_grasp is None, "the release")
 
 
+def test_keys_push_pause_and_rest_and_leave_the_camera(page, live) -> None:
+    session, client = live.session, list(live.server.get_clients().values())[-1]
+    eye = tuple(client.camera.position)
+    page.keyboard.down("ArrowRight")
+    until(lambda: session.active_grasp is not None and session.active_grasp.force[0] > 0, "a push")
+    time.sleep(0.5)
+    page.keyboard.up("ArrowRight")
+    until(lambda: session.active_grasp is None, "the release")
+    assert tuple(client.camera.position) == pytest.approx(eye)
+    for status in ("paused", "running"):
+        page.keyboard.press("Space")
+        until(lambda status=status: session.status == status, status)
+    page.keyboard.press("r")
+    until(lambda: session.frame is None and np.abs(session.v).max() < 1e-6, "rest")
+
+
 def test_controls_reach_the_session(page, live) -> None:
     session = live.session
     page.get_by_role("button", name="Pause").dispatch_event("click")

@@ -41,7 +41,7 @@ def draw_matter(
     columns = 2 + (paths is not None)
     height, width = picture.shape[:2]
     with paper_style():
-        figure = new_figure(PAGE_IN, PAGE_IN / columns * height / width + 0.7)
+        figure = new_figure(PAGE_IN, PAGE_IN / columns * height / width + 0.7, title=title)
         axes = figure.subplots(1, columns, squeeze=False)[0]
         for each in axes:
             each.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), interpolation="nearest")
@@ -50,7 +50,6 @@ def draw_matter(
         _draw_ways(axes[1], matter, lens)
         if paths is not None:
             _draw_paths(axes[2], paths, lens)
-        figure.suptitle(title)
     return figure
 
 
