@@ -338,7 +338,7 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
     """
     height, width = image.shape[:2]
     with paper_style():
-        figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 0.75, title=title)
+        figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 1.05, title=title)
         if "refused" in truth:
             figure.text(0.01, 0.5, f"nothing was measured: {truth['refused']}", wrap=True)
             return figure

@@ -22,3 +22,30 @@ if (window.innerWidth <= NARROW) {
   });
   folding.observe(document.documentElement, { childList: true, subtree: true });
 }
+
+const ICONS = { "list-search": "Commands", adjustments: "Settings", maximize: "Enlarge", x: "Close" };
+
+/** Name what viser leaves without a name: sliders and numbers by their label, buttons by their icon. */
+function nameParts() {
+  document.getElementById("root")?.setAttribute("role", "main");
+  for (const field of document.querySelectorAll("[role=slider], input")) {
+    const row = field.closest(":has(label)");
+    const name = row?.querySelector("label").textContent;
+    if (name && !field.getAttribute("aria-label")) field.setAttribute("aria-label", name);
+  }
+  for (const button of document.querySelectorAll("button:not([aria-label])")) {
+    const icon = button.querySelector("svg")?.getAttribute("class")?.match(/tabler-icon-([\w-]+)/)?.[1];
+    const close = button.className.includes("CloseButton");
+    if (!button.textContent.trim()) button.setAttribute("aria-label", close ? "Close" : ICONS[icon] ?? icon?.replaceAll("-", " ") ?? "More");
+  }
+}
+
+let waiting = false;
+new MutationObserver(() => {
+  if (waiting) return;
+  waiting = true;
+  setTimeout(() => {
+    waiting = false;
+    nameParts();
+  }, 500);
+}).observe(document.documentElement, { childList: true, subtree: true });
