@@ -1,12 +1,13 @@
 """Figures and tables of a score: confusion matrix, reliability, risk against coverage, CSV."""
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.figure import Figure
 
 from benchmarks.gapgen.metrics import Item, risk_coverage
@@ -24,66 +25,120 @@ ROWS = (
     ("unnamed", "wrongly unnamed"),
     ("wrong_names", "recordings with a wrong or invented name"),
 )
+LAST = ("none", "unknown")  # rows and columns after those of effects
+DARK = 0.6  # share of a row from which a number is white
+SIGMAS = 1.96  # of a normal, on each side of 95 %
 NUMBERS = (
     ("brier_class", "Brier score"),
     ("macro_f1", "macro F1"),
 )
 
 
+@contextmanager
+def _looks() -> Iterator[None]:
+    """The style sheet of all figures: type and lines alone, no code of what is judged."""
+    with style.context("lagsplat.report.common.templates.paper"):
+        yield
+
+
 def _save(figure: Figure, out: Path, name: str) -> None:
-    for suffix in ("pdf", "png"):
-        figure.savefig(out / f"{name}.{suffix}", dpi=160, bbox_inches="tight")
+    dates: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "png": {}}
+    for suffix, metadata in dates.items():
+        figure.savefig(out / f"{name}.{suffix}", bbox_inches="tight", metadata=metadata)
 
 
+def _rows(items: list[Item]) -> list[Item]:
+    """Recordings with one effect or none of which something was said."""
+    return [i for i in items if i.kind != "pair" and i.said.verdict != "missing"]
+
+
+def _named(item: Item) -> str:
+    """What was named first; a right class counts under the true name."""
+    return item.label if item.first in item.accepted else item.first
+
+
+@_looks()
 def confusion(items: list[Item], out: Path) -> None:
-    """True against first-ranked name, a right class counted under the true name; rows sum to one."""
-    rows = [i for i in items if i.kind != "pair" and i.said.verdict != "missing"]
-    true = [i.label for i in rows]
-    said = [i.label if i.first in i.accepted else i.first for i in rows]
-    names = sorted(set(true) | set(said))
+    """True against first-ranked name, a right class counted under the true one; shades: shares of a row."""
+    rows = _rows(items)
+    true, said = [i.label for i in rows], [_named(i) for i in rows]
+    names = sorted(set(true) | set(said), key=lambda name: (name in LAST, name))
     at = {name: k for k, name in enumerate(names)}
     table = np.zeros((len(names), len(names)))
     for a, b in zip(true, said, strict=True):
         table[at[a], at[b]] += 1
     total = table.sum(1, keepdims=True)
-    with mpl.rc_context({"font.size": 7}):
-        size = 2.0 + 0.24 * len(names)
-        figure = Figure(figsize=(size, size))
-        axes = figure.subplots()
-        axes.imshow(table / np.maximum(total, 1), cmap="Greys", vmin=0.0, vmax=1.0)
-        for i, j in np.argwhere(table):
-            dark = table[i, j] > 0.5 * total[i, 0]
-            axes.text(j, i, int(table[i, j]), ha="center", va="center", color="white" if dark else "black")
-        labels = [name.replace("_", " ") for name in names]
-        axes.set_xticks(range(len(names)), labels, rotation=90)
-        axes.set_yticks(range(len(names)), labels)
-        axes.set_xlabel("named first")
-        axes.set_ylabel("true")
-        _save(figure, out, "confusion")
-
-
-def reliability(curve: list[tuple[float, float, int]], error: float, out: Path) -> None:
-    """Accuracy against stated probability over bins of equal mass."""
-    figure = Figure(figsize=(3.2, 3.0))
+    share = table / np.maximum(total, 1)
+    right = np.eye(len(names), dtype=bool)
+    size = 1.9 + 0.135 * len(names)
+    figure = Figure(figsize=(size, size))
     axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1.0)
-    axes.plot([c for c, _, _ in curve], [a for _, a, _ in curve], "o-", color="C0", markersize=4)
-    axes.set_xlabel("stated probability")
-    axes.set_ylabel("share right")
-    axes.set_title(f"expected calibration error {error:.3f}", fontsize=9)
+    for chosen, colours in ((right, "Blues"), (~right, "Oranges")):
+        axes.imshow(np.where(chosen & (table > 0), share, np.nan), cmap=colours, vmin=0.0, vmax=1.2)
+    for i, j in np.argwhere(table):
+        ink = "white" if share[i, j] > DARK else "black"
+        axes.text(j, i, int(table[i, j]), ha="center", va="center", color=ink, fontsize=5.5)
+    labels = [name.replace("_", " ") for name in names]
+    counts = [f"{label} ({int(n)})" for label, n in zip(labels, total[:, 0], strict=True)]
+    axes.set_xticks(range(len(names)), labels, rotation=90)
+    axes.set_yticks(range(len(names)), counts)
+    axes.set_xticks(np.arange(len(names) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(names) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="#E6E6E6", linewidth=0.4)
+    axes.tick_params(which="both", length=0)
+    axes.set_axisbelow(True)
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel("named first")
+    axes.set_ylabel("true effect (number of recordings)")
+    hits = int(np.trace(table))
+    axes.set_title(
+        f"{hits} of {len(rows)} recordings named rightly (blue); shade: share of the row", loc="left"
+    )
+    _save(figure, out, "confusion")
+
+
+@_looks()
+def reliability(curve: list[tuple[float, float, int]], error: float, out: Path) -> None:
+    """Share right against stated probability over bins of equal mass, with intervals and counts."""
+    figure = Figure(figsize=(3.4, 3.4))
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color="#7F7F7F", linewidth=0.8, linestyle="--", label="as stated")
+    for stated, right, n in curve:
+        axes.plot([stated, stated], _interval(right, n), color="#0072B2", linewidth=0.6, alpha=0.5)
+    stated, right = [c for c, _, _ in curve], [a for _, a, _ in curve]
+    counts = [n for _, _, n in curve]
+    few = f"{min(counts)}" if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
+    label = f"{few} recordings each, 95 % interval" if counts else "no recording"
+    axes.plot(stated, right, "o", color="#0072B2", label=label)
+    axes.set(
+        xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1.02), ylim=(0, 1.02)
+    )
+    axes.set_aspect("equal")
+    axes.legend(loc="upper left")
+    axes.set_title(f"expected calibration error {error:.3f} over {sum(counts)} recordings", loc="left")
     _save(figure, out, "calibration")
 
 
+def _interval(share: float, n: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share."""
+    middle, spread = share + SIGMAS**2 / (2 * n), share * (1.0 - share) / n + SIGMAS**2 / (4 * n**2)
+    reach = SIGMAS * float(np.sqrt(spread))
+    return (middle - reach) / (1.0 + SIGMAS**2 / n), (middle + reach) / (1.0 + SIGMAS**2 / n)
+
+
+@_looks()
 def risk(items: list[Item], out: Path) -> None:
     """Share wrong among the answered against the share answered."""
-    coverage, wrong = risk_coverage([i for i in items if i.kind != "pair" and i.said.verdict != "missing"])
-    figure = Figure(figsize=(3.2, 3.0))
+    rows = _rows(items)
+    coverage, wrong = risk_coverage(rows)
+    figure = Figure(figsize=(3.4, 2.8))
     axes = figure.subplots()
-    axes.plot(coverage, wrong, color="C0")
-    axes.set_xlabel("share answered")
-    axes.set_ylabel("share wrong among them")
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlim(0.0, 1.0)
+    axes.step(100.0 * coverage, 100.0 * wrong, where="post", color="#0072B2")
+    axes.set_xlabel(f"answered, most probable first (% of {len(rows)} recordings)")
+    axes.set_ylabel("wrong among them (%)")
+    axes.set(xlim=(0.0, 100.0), ylim=(0.0, None))
+    if len(rows):
+        axes.set_title(f"{100.0 * wrong[-1]:.0f} % wrong if all are answered", loc="left")
     _save(figure, out, "risk_coverage")
 
 

@@ -79,6 +79,7 @@ class LongRollout:
     encoded: Float64[np.ndarray, "N d"]
     predicted: Float64[np.ndarray, "N d"]
     inputs: Float64[np.ndarray, "N n_u"]
+    input_names: tuple[str, ...]
     input_units: tuple[str, ...]
     metric: Float64[np.ndarray, "d d"]
     nrmse: float
@@ -144,7 +145,8 @@ def compute_long_rollout(
         encoded=series.latents[frames],
         predicted=np.where(diverged[0][:, None], np.nan, rollouts[0]),
         inputs=series.inputs[frames],
-        input_units=tuple(dict.fromkeys(recording.input_units)),
+        input_names=recording.input_names,
+        input_units=recording.input_units,
         metric=series.metric,
         nrmse=float(np.sqrt(error.mean())),
         held_nrmse=float(np.sqrt(error[window.boundary :].mean())),

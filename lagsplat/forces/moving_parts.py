@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float64
 from scipy.ndimage import binary_erosion
@@ -179,11 +178,3 @@ def _distance(rows: np.ndarray, columns: np.ndarray, others: np.ndarray) -> np.n
         return np.full(len(rows), np.inf)
     away = np.hypot(rows[:, None] - others[None, :, 0], columns[:, None] - others[None, :, 1])
     return away.min(1)
-
-
-def draw_outline(scene: MovingParts, *, scale: int) -> Bool[np.ndarray, "h w"]:
-    """The pixels of what moves in a picture ``scale`` times as large, with a smooth boundary."""
-    height, width = scene.object.shape
-    size = (scale * width, scale * height)
-    smooth = cv2.resize(scene.object.astype(np.float32), size, interpolation=cv2.INTER_CUBIC)
-    return cv2.GaussianBlur(smooth, (0, 0), 0.5 * scale) > 0.5

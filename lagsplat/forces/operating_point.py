@@ -21,6 +21,7 @@ from lagsplat.matter.field import MaterialPoints, MatterField
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage2.lagrangian import Lagrangian
+from lagsplat.views.camera import project_by_lens
 
 VISITED = 0.99  # quantile of the distances of the training states from rest that gives the visited radius
 MAGNITUDES = 60  # forces among which the requested one is interpolated
@@ -150,6 +151,14 @@ class OperatingPoint:
         inwards = np.array([self.width, self.height]) / 2.0 - at
         right, down = (np.copysign(1.0, inwards @ along) * along).tolist()
         return (float(at[0]), float(at[1])), (right, down)
+
+    def follow_matter_at(
+        self, pixel: tuple[float, float], q: Float64[np.ndarray, " d"]
+    ) -> Float64[np.ndarray, " n"]:
+        """Where the matter is at a state that is seen in a pixel at rest [px; in space, px at the pivot]."""
+        at_rest, now = self.matter.carry(torch.stack([self.rest, torch.from_numpy(q)])).numpy()
+        seen = project_by_lens(at_rest, self.autoencoder.lens) if self.matter.space == 3 else at_rest
+        return now[int(np.linalg.norm(seen - np.array(pixel), axis=1).argmin())]
 
     def _answer(self, grasp: GraspPoint, forces: Float[Tensor, "B n"]) -> Float[Tensor, " B"]:
         """Distances from rest under forces on a grasped point [whitened units]."""

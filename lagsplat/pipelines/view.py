@@ -61,7 +61,9 @@ def view(
     set_threads(CORES)
     run = open_run(folder)
     session = pushable(run, experiment)
-    if replay is not None:
+    if replay is None:
+        session.begin_in_motion()
+    else:
         session.replay(load_history(Path(replay)))
     title = title_of(folder)
     server = ViewerServer(
@@ -70,6 +72,7 @@ def view(
         read_frame=lambda number: np.asarray(run.recording.frames[number]),
         folder=folder if out is None else Path(out),
         residual=None if diagnosis is None else _residual(Path(diagnosis), session, run.lagrangian),
+        moving=replay is None,
     )
     with receive_signals() as wait_for_signal:
         print(f"{title}: {server.url}   (Ctrl-C ends it)", flush=True)

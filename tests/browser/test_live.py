@@ -37,8 +37,9 @@ def page(chromium, live):
 
 def at(page, live, place: tuple[float, float]) -> tuple[float, float]:
     """Where a place of the picture [px] is on the screen: the camera faces the picture's middle."""
-    box, image_plane = canvas_of(page), live.scene_view.canvas.image_plane
-    unit = 0.5 * box["height"] / (live.scene_view.canvas.far * np.tan(0.5 * 0.75)) / image_plane.unit
+    box, canvas = canvas_of(page), live.scene_view.canvas
+    fov = canvas.choose_fov(box["width"] / box["height"])
+    unit = 0.5 * box["height"] / (canvas.far * np.tan(0.5 * fov)) / canvas.image_plane.unit
     x = box["x"] + 0.5 * box["width"] + unit * (place[0] - 0.5 * SIZE[0])
     return x, box["y"] + 0.5 * box["height"] + unit * (place[1] - 0.5 * SIZE[1])
 
@@ -99,6 +100,22 @@ def test_a_drag_on_the_wall_moves_nothing(page, live) -> None:
     np.testing.assert_allclose(session.q, rest, atol=1e-3)
     page.mouse.up()
     until(lambda: session.active_grasp is None, "the release")
+
+
+def test_keys_push_pause_and_rest_and_leave_the_camera(page, live) -> None:
+    session, client = live.session, list(live.server.get_clients().values())[-1]
+    eye = tuple(client.camera.position)
+    page.keyboard.down("ArrowRight")
+    until(lambda: session.active_grasp is not None and session.active_grasp.force[0] > 0, "a push")
+    time.sleep(0.5)
+    page.keyboard.up("ArrowRight")
+    until(lambda: session.active_grasp is None, "the release")
+    assert tuple(client.camera.position) == pytest.approx(eye)
+    for status in ("paused", "running"):
+        page.keyboard.press("Space")
+        until(lambda status=status: session.status == status, status)
+    page.keyboard.press("r")
+    until(lambda: session.frame is None and np.abs(session.v).max() < 1e-6, "rest")
 
 
 def test_controls_reach_the_session(page, live) -> None:

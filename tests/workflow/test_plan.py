@@ -54,6 +54,7 @@ TARGETS = (
     "results/figures/inertia_{system}.pdf",
     "results/figures/equilibrium.pdf",
     "results/figures/jacobian_field.pdf",
+    "results/figures/contact_sheet.png",
     "results/{profile}/simulated/" + RUN + "/rollout.png",
     "results/{profile}/simulated/" + RUN + "/metrics.json",
     "results/{profile}/simulated/{system}/default-0/reconstruction.png",

@@ -101,6 +101,7 @@ def test_every_artefact_is_there(results: Path) -> None:
         "default-0/autoencoder.safetensors",
         "default-0/curve.csv",
         "default-0/reconstruction.png",
+        "default-0/reconstruction.pdf",
         "default-0/chart.safetensors",
         "default-0/latent.png",
         "default-0/default-0/dynamics.safetensors",
@@ -110,6 +111,7 @@ def test_every_artefact_is_there(results: Path) -> None:
         "default-0/default-0/rollout.png",
         "baselines/osc_abcd-0/model.safetensors",
         "baselines/osc_abcd-0/curve.png",
+        "baselines/osc_abcd-0/curve.pdf",
         "baselines/koopman_deconv-0/metrics.json",
     ]
     missing = [name for name in expected if not (results / HERE / name).stat().st_size]
@@ -215,6 +217,13 @@ def test_the_swing_is_learned_in_space_and_pushed_there(results: Path) -> None:
     assert (run / "sides.png").stat().st_size
     assert main(["export", str(run / "default-0"), "--html", f"out={results / 'swing.html'}"]) == 0
     assert "cameras on several sides" in (results / "swing.html").read_text(encoding="utf-8")
+
+
+def test_every_figure_stands_on_one_sheet(source: Path, results: Path) -> None:
+    done = snakemake(source, results, "results/figures/contact_sheet.png", "--config", TOY)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-6000:]
+    assert (results / "results/figures/contact_sheet.pdf").stat().st_size
+    assert done.stderr.count("Finished jobid") <= 2, "the figures were there"
 
 
 def test_the_gap_of_every_diagnosis_stands_in_a_table(source: Path, results: Path) -> None:

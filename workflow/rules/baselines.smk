@@ -65,7 +65,8 @@ rule baseline_curve:
         model=rules.baseline.output.model,
         records=[rules.baseline.output.record],
     output:
-        figure=report(
+        pdf="results/{profile}/{recording}/{system}/baselines/{baseline}-{seed}/curve.pdf",
+        png=report(
             "results/{profile}/{recording}/{system}/baselines/{baseline}-{seed}/curve.png",
             caption="../report/baseline_curve.rst",
             category="Baselines",

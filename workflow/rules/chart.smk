@@ -33,7 +33,8 @@ rule latent:
         chart=rules.chart.output.chart,
         records=[rules.chart.output.record],
     output:
-        figure=report(
+        pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/latent.pdf",
+        png=report(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/latent.png",
             caption="../report/latent.rst",
             category="Chart",

@@ -351,14 +351,20 @@ def _figures(runs, arms, truths):
         for name in ("extrapolation", "equilibrium", "deformation", "jacobian_field"):
             figures += getattr(rules, name).output
     for name in ("curve", "reconstruction", "latent"):
-        figures += [getattr(rules, name).output.figure.format(**run) for run in runs]
-    figures += [
-        rules.baseline_curve.output.figure.format(**run) for run in baseline_runs()
-    ]
-    figures += [
-        rules.sides.output.figure.format(**asdict(run)) for run in solids.values()
-    ]
-    return figures
+        figures += filled(getattr(rules, name), runs)
+    figures += filled(rules.baseline_curve, baseline_runs())
+    return figures + filled(rules.sides, [asdict(run) for run in solids.values()])
+
+
+def filled(rule, runs):
+    """All outputs of a rule for each of these runs."""
+    return [output.format(**run) for run in runs for output in rule.output]
+
+
+def drawn():
+    """The pictures among them."""
+    runs, arms, truths = planned(), krauss_runs(), true_runs()
+    return [path for path in _figures(runs, arms, truths) if path.endswith(".png")]
 
 
 def systems_of(runs):

@@ -202,6 +202,11 @@ rule gap_score:
             category="Blind check",
             labels={"split": "{split}", "tier": "{tier}"},
         ),
+        printed=expand(
+            f"{SPLIT}/score/{{name}}.pdf",
+            name=["confusion", "calibration", "risk_coverage"],
+            allow_missing=True,
+        ),
     log:
         f"{SPLIT_LOG}/gap_score.log",
     benchmark:

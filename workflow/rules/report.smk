@@ -60,3 +60,33 @@ rule figure:
         "Show the rollout of {wildcards.system}"
     script:
         "../scripts/report/figure.py"
+
+
+rule contact_sheet:
+    input:
+        pictures=lambda wildcards: drawn(),
+    output:
+        pdf="results/figures/contact_sheet.pdf",
+        png=report(
+            "results/figures/contact_sheet.png",
+            caption="../report/contact_sheet.rst",
+            category="All figures",
+            labels={"figure": "all, small"},
+        ),
+    log:
+        "results/logs/contact_sheet.log",
+    benchmark:
+        "results/benchmarks/contact_sheet.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=10,
+    params:
+        title=lambda wildcards, input: f"All {len(input.pictures)} figures · profile {experiment.choices['profile']}",
+        code=script_digest(SCRIPTS / "report/contact_sheet.py"),
+    message:
+        "Show every figure on one sheet"
+    script:
+        "../scripts/report/contact_sheet.py"

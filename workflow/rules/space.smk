@@ -6,7 +6,8 @@ rule sides:
         records=[rules.stage1.output.record],
     output:
         metrics="results/{profile}/{recording}/{system}/{stage1}-{ae}/sides.json",
-        figure=report(
+        pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/sides.pdf",
+        png=report(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/sides.png",
             caption="../report/sides.rst",
             category="Stage 1",

@@ -45,7 +45,8 @@ rule reconstruction:
         autoencoder=rules.stage1.output.autoencoder,
         records=[rules.stage1.output.record],
     output:
-        figure=report(
+        pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/reconstruction.pdf",
+        png=report(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/reconstruction.png",
             caption="../report/reconstruction.rst",
             category="Stage 1",
@@ -80,7 +81,8 @@ rule curve:
         curve=rules.stage1.output.curve,
         records=[rules.stage1.output.record],
     output:
-        figure=report(
+        pdf="results/{profile}/{recording}/{system}/{stage1}-{ae}/curve.pdf",
+        png=report(
             "results/{profile}/{recording}/{system}/{stage1}-{ae}/curve.png",
             caption="../report/curve.rst",
             category="Stage 1",

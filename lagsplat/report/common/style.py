@@ -4,8 +4,9 @@ import base64
 import io
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -22,10 +23,13 @@ from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_power_of_ten
 
 PAGE_IN = 7.0
+STYLE_SHEET = Path(__file__).parent / "templates" / "paper.mplstyle"
 # Okabe and Ito's palette, for readers with any common colour vision.
 ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
 INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
+INPUT_DASHES = ("-", (0, (5, 1.2)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 INK = "#222222"
+GRID = "#DDDDDD"
 ALONG_X, ALONG_Y = ("data", "axes fraction"), ("axes fraction", "data")
 """Coordinates of a text: data along one direction, and the share of the axis along the other."""
 SVG_LAYOUT_PASSES = 3  # at most
@@ -37,30 +41,7 @@ MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Type, lines and vector text of a two-column paper, inside the block or the decorated function only."""
-    settings: dict[str, object] = {
-        "font.family": "DejaVu Sans",
-        "font.size": 7.0,
-        "axes.titlesize": 7.0,
-        "axes.labelsize": 7.0,
-        "xtick.labelsize": 6.0,
-        "ytick.labelsize": 6.0,
-        "legend.fontsize": 6.5,
-        "figure.titlesize": 7.5,
-        "axes.linewidth": 0.5,
-        "xtick.major.width": 0.5,
-        "ytick.major.width": 0.5,
-        "xtick.major.size": 2.0,
-        "ytick.major.size": 2.0,
-        "lines.linewidth": 0.8,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "legend.frameon": False,
-        "image.interpolation": "nearest",
-        "pdf.fonttype": 42,
-        "svg.fonttype": "none",
-        "savefig.dpi": 200,
-    }
-    with mpl.rc_context(settings):  # type: ignore[arg-type]
+    with mpl.rc_context(fname=STYLE_SHEET):
         yield
 
 
@@ -70,6 +51,12 @@ def new_figure(width_in: float, height_in: float, *, title: str = "") -> Figure:
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, ha="left")
     return figure
+
+
+def distinguish(index: int) -> dict[str, Any]:
+    """Colour and dashes of the line of input ``index``, so that it is known without its colour, too."""
+    dashes = INPUT_DASHES[index % len(INPUT_DASHES)]
+    return {"color": INPUTS[index % len(INPUTS)], "linestyle": dashes}
 
 
 def label_decades(axis: Axis) -> None:
@@ -110,9 +97,21 @@ def draw_arrow(
         arrow.arrow_patch.set_path_effects([Stroke(linewidth=rim, foreground="white"), Normal()])
 
 
+def add_badge(axis: Axes, text: str) -> None:
+    """Write ``text`` on a dark ground in the lower left corner of an image, readable on any picture."""
+    ground = {"facecolor": INK, "edgecolor": "white", "linewidth": 0.5, "pad": 1.8}
+    axis.text(0.025, 0.03, text, color="white", transform=axis.transAxes, bbox=ground, fontsize=6.5)
+
+
 def place_legend_above(axis: Axes, columns: int, height: float = 1.0) -> None:
     """Place the legend above the right end of an axis, at ``height`` in shares of the axis."""
     axis.legend(loc="lower right", bbox_to_anchor=(1.0, height), ncols=columns, borderaxespad=0.0)
+
+
+def save_figures(paths: Iterable[str], figure: Figure) -> None:
+    """Write one drawing in every format that the suffixes of ``paths`` ask for."""
+    for path in paths:
+        save_figure(path, figure)
 
 
 def save_figure(path: str | os.PathLike[str], figure: Figure) -> None:

@@ -42,7 +42,7 @@ def draw_equilibrium(
         axes = np.atleast_1d(left.subplots(len(results), 1, sharex=True, sharey=True))
         for axis, (name, seeds) in zip(axes, results.items(), strict=True):
             _draw_trajectory(axis, run, seeds, name, colours[name])
-        axes[-1].set_xlabel("time since the start of the clip [s]")
+        axes[-1].set_xlabel("time since the start of the clip (s)")
         axes[len(axes) // 2].set_ylabel("state in the chart of the frozen encoder")
         phase, decay = right.subplots(2, 1)
         _draw_phase_plane(phase, run, results, colours)
@@ -78,9 +78,8 @@ def _draw_trajectory(
         top = (0.5 * frames * dt_s, middle + 0.93 * ends)
         axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
         last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
-        paper = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.7}
-        look = {"ha": "right", "va": "bottom", "color": style.MARK}
-        style.annotate(axis, "minimum of V", (last, middle), (0, 1), bbox=paper, **look)
+        place = {"ha": "right", "va": "top", "color": style.MARK}
+        axis.annotate("dashed: minimum of V", (last, middle + 0.93 * ends), **place)
 
 
 def _draw_phase_plane(
@@ -102,7 +101,7 @@ def _draw_phase_plane(
             axis.plot(late, np.gradient(late, dt_s), color=colours[name], linewidth=0.7)
     axis.set_title("state and velocity in the end", loc="left", pad=2)
     reach, speed = np.abs(clip - middle).max(), np.abs(np.gradient(clip, dt_s)).max()
-    axis.set(xlabel="state", ylabel="velocity [1/s]")
+    axis.set(xlabel="state", ylabel="velocity (1/s)")
     axis.set(xlim=(middle - 1.25 * reach, middle + 1.25 * reach), ylim=(-1.25 * speed, 1.25 * speed))
 
 
@@ -120,7 +119,7 @@ def _draw_decay(axis: Axes, results: Mapping[str, Sequence[Extrapolation]], colo
             axis.plot(time_s, share, dashes, label=label, linewidth=width, zorder=order, **look)
             later = len(result["looks"]) - 1
             axis.plot(time_s[-later:], share[-later:], "o", markersize=2, **look)
-    axis.set(xscale="log", yscale="log", xlabel="time past the training frames [s]")
+    axis.set(xscale="log", yscale="log", xlabel="time past the training frames (s)")
     axis.set_ylim(MIN_SHARE / 1.5, 3.0)
     axis.set_title("amplitude left, as a share of the clip's first", loc="left", pad=2)
     axis.legend(loc="lower left", handlelength=0.0, handletextpad=0.0, labelcolor="linecolor")
@@ -139,7 +138,7 @@ def _measure_envelope(result: Extrapolation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title: str) -> Figure:
-    """Draw a column for each form of the mass and a row for each two coordinates, in the order of the chart.
+    """Draw a column for each form of the mass and a row for each two coordinates, named as in the chart.
 
     An ellipse holds the velocities in the plane of the panel whose kinetic energy is at most one common
     value: wide where the inertia is small. Grey is the mean of the matrices, at the same places, so that what
@@ -156,7 +155,9 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
     rows = max(1, len(planes))
     with style.paper_style():
         width = min(style.PAGE_IN, PANEL_IN * len(forms) + 0.4)
-        figure = style.new_figure(width, 0.45 + PANEL_IN * rows, title=title)
+        figure = style.new_figure(
+            width, 0.75 + PANEL_IN * rows, title=f"{title}\n{_describe_inertia(d, len(states))}"
+        )
         axes = figure.subplots(rows, len(forms), sharex="row", sharey="row", squeeze=False)
         for column, (name, matrices) in enumerate(forms):
             axes[0, column].set_title(f"mass: {name}")
@@ -167,12 +168,20 @@ def draw_inertia(forms: Sequence[tuple[str, Matrices]], states: States, *, title
                 axis.set_ylim(bottom=0.0)
             for row, plane in enumerate(planes):
                 _draw_plane(axes[row, column], states[:, plane], matrices[:, plane][:, :, plane])
-        labels = [(f"$q_{{{i + 1}}}$", f"$q_{{{j + 1}}}$") for i, j in planes] or [("$q_1$", "$M$")]
+        labels = [(f"$q_{{{i + 1}}}$", f"$q_{{{j + 1}}}$") for i, j in planes] or [("$q_1$", "mass")]
         for row, (xlabel, ylabel) in zip(axes, labels, strict=True):
-            row[0].set_ylabel(ylabel)
+            row[0].set_ylabel(ylabel + " (deviations)" * bool(planes))
             for axis in row:
-                axis.set_xlabel(xlabel)
+                axis.set_xlabel(xlabel + " (deviations)")
     return figure
+
+
+def _describe_inertia(d: int, n_states: int) -> str:
+    """What is orange and what grey."""
+    if d == 1:
+        return f"orange: at {n_states} held-out states; dashed: their mean"
+    shown = min(N_ELLIPSES, n_states)
+    return f"orange: velocities of equal energy, at {shown} of {n_states} states; grey: at the mean mass"
 
 
 def _draw_plane(axis: Any, states: np.ndarray, matrices: np.ndarray) -> None:

@@ -25,16 +25,20 @@ from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad, SummedLoad
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.forces.rest_outline import draw_rest_mask
 from lagsplat.matter.field import join_points
-from lagsplat.report.common.style import PAGE_IN, draw_arrow, new_figure, paper_style
+from lagsplat.report.common.formatting import MINUS, format_number
+from lagsplat.report.common.style import PAGE_IN, add_badge, draw_arrow, new_figure, paper_style
 from lagsplat.splat.projection import make_view
 from lagsplat.views.camera import Camera, orbit_camera
 
 FORCE_COLOUR = "#AA1E1E"
+BEYOND = "beyond the recorded range"
 MAX_ARROW_SHARE = 0.3  # length of the longest arrow over the smaller side of the image
 VIEW_ANGLES_DEG = ((0.0, 0.0), (-12.0, 4.0), (12.0, -4.0))
 """Yaw and pitch of the columns [degree], about the pivot."""
 ARROW_SHARE = 0.4  # length of an arrow over the smaller side of the image, at the depth of the pivot
+LEAST_SHIFT = 5e-5  # smaller ones are printed as none
 MIN_PRINTED_SHIFT = 1e-3  # smaller shifts are printed by their order of magnitude
 SUPERSAMPLING = 4  # pixels rendered in place of one of the recording, each way
 DOWN, RIGHT = np.array([0.0, 1.0]), np.array([1.0, 0.0])
@@ -42,9 +46,9 @@ OBLIQUE = np.array([np.sqrt(0.5), np.sqrt(0.5)])
 MIN_WIDTH_PX = 384  # smallest width of a rendered image
 N_BACKGROUND = 3
 MAPPED_ERRORS = (
-    ("direction_deg", "direction of the pushed point (degrees)", 1.0, 60.0),
-    ("shape", "shape of the answer (%)", 100.0, 100.0),
-    ("amplitude", "amplitude after one poke (%)", 100.0, 100.0),
+    ("direction_deg", "direction of the pushed point", "degrees", 1.0, 60.0),
+    ("shape", "shape of the answer", "%", 100.0, 100.0),
+    ("amplitude", "amplitude after one poke", "%", 100.0, 100.0),
 )
 
 
@@ -133,7 +137,7 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
             if panel.spread is not None:
                 _draw_ellipse(axis, panel.arrows[0, 0], panel.spread)
             if panel.is_beyond:
-                axis.text(0.02, 0.02, "beyond the recording", color="white", transform=axis.transAxes)
+                add_badge(axis, BEYOND)
             axis.set_title(f"({letter}) {panel.name}: {_describe_answer(panel)}", loc="left")
         for axis in axes[len(panels.panels) :]:
             axis.set_axis_off()
@@ -143,11 +147,15 @@ def draw_forces(panels: ForcePanels, *, title: str) -> Figure:
 def _describe_answer(panel: ForcePanel) -> str:
     distance = f"{panel.moved_px:.1f} px"
     if panel.spread is not None and panel.moved_px > 0.0:
-        distance += rf" $\pm$ {find_half_width(panel.spread):.1g}"
+        distance += rf" $\pm$ {format_number(find_half_width(panel.spread), digits=1)}"
         distance += ", undetermined" if is_undetermined(panel.spread, panel.moved_px) else ""
     if len(panel.shift) == 1:
-        return rf"$\Delta q = {panel.shift[0]:+.{2 if abs(panel.shift[0]) > 0.05 else 4}f}$, " + distance
+        return rf"$\Delta q = {_tell_shift(float(panel.shift[0]))}$, " + distance
     return distance
+
+
+def _tell_shift(shift: float) -> str:
+    return "0" if abs(shift) < LEAST_SHIFT else f"{shift:+.{2 if abs(shift) > 0.05 else 4}f}"
 
 
 def compute_force_panels(
@@ -190,9 +198,7 @@ def compute_force_panels(
         own, shift = None if spread is None else spread[i], (q - held.rest).numpy()
         beyond = float(np.linalg.norm(shift)) > held.visited_radius
         panels.append(ForcePanel(name, shift, moved_px, arrows, image, own, beyond))
-    return ForcePanels(
-        tuple(panels), moving_parts.draw_outline(scene, scale=scale), (held.height, held.width)
-    )
+    return ForcePanels(tuple(panels), draw_rest_mask(held, scale=scale), (held.height, held.width))
 
 
 def _push_rolling(
@@ -287,11 +293,21 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
                     foot = push.grip.place(q[row]).numpy()
                     start, stop = camera.project(np.stack([foot, foot + length * push.directions[row - 1]]))
                     _draw_force(axis, start, stop - start)
-                text = f"yaw {yaw:+.0f}°, pitch {pitch:+.0f}°" if row == 0 else _describe_shift(push, row)
+                    if np.linalg.norm(push.states[row] - push.states[0]) > held.visited_radius:
+                        add_badge(axis, BEYOND)
+                text = (
+                    f"yaw {_tell_angle(yaw)}, pitch {_tell_angle(pitch)}"
+                    if row == 0
+                    else _describe_shift(push, row)
+                )
                 axis.set_title(f"({ascii_lowercase[3 * row + column]}) {text}", loc="left")
         for axis, name in zip(axes[:, 0], names, strict=True):
             axis.set_ylabel(name)
     return figure
+
+
+def _tell_angle(degrees: float) -> str:
+    return f"{degrees:+.0f}°".replace("-", MINUS) if degrees else "0°"
 
 
 def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
@@ -322,19 +338,20 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
     """
     height, width = image.shape[:2]
     with paper_style():
-        figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 0.75, title=title)
+        figure = new_figure(PAGE_IN, PAGE_IN / 3.0 * height / width + 1.05, title=title)
         if "refused" in truth:
             figure.text(0.01, 0.5, f"nothing was measured: {truth['refused']}", wrap=True)
             return figure
         rows = truth["map"]
-        for axis, (name, what, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
+        for axis, (name, what, unit, scale, most) in zip(figure.subplots(1, 3), MAPPED_ERRORS, strict=True):
             _show(axis, image, (height, width), alpha=0.45)
             errors = [(*row["place"], scale * row[name]) for row in rows if row[name] is not None]
             x, y, values = np.array(errors).reshape(-1, 3).T
             dots = axis.scatter(
                 x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
             )
-            figure.colorbar(dots, ax=axis, orientation="horizontal", extend="max", shrink=0.9, aspect=30)
+            below = {"orientation": "horizontal", "extend": "max", "shrink": 0.9, "aspect": 30}
+            figure.colorbar(dots, ax=axis, label=f"{unit}; median at each of {len(values)} points", **below)
             axis.set_title(what)
     return figure
 

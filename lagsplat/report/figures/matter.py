@@ -41,7 +41,7 @@ def draw_matter(
     columns = 2 + (paths is not None)
     height, width = picture.shape[:2]
     with paper_style():
-        figure = new_figure(PAGE_IN, PAGE_IN / columns * height / width + 0.7)
+        figure = new_figure(PAGE_IN, PAGE_IN / columns * height / width + 0.7, title=title)
         axes = figure.subplots(1, columns, squeeze=False)[0]
         for each in axes:
             each.imshow(picture.clip(0.0, 1.0), extent=(0, width, height, 0), interpolation="nearest")
@@ -50,7 +50,6 @@ def draw_matter(
         _draw_ways(axes[1], matter, lens)
         if paths is not None:
             _draw_paths(axes[2], paths, lens)
-        figure.suptitle(title)
     return figure
 
 
@@ -66,7 +65,7 @@ def _draw_bodies(axes: Axes, matter: MatterField, lens: Sequence[float] | None) 
         colour = BODY_COLOURS[number % len(BODY_COLOURS)]
         axes.scatter(x, y, s=4, marker="s", linewidths=0, color=colour, alpha=0.6)
         named.append(f"{f'bends, degree {motion.bending}' if motion.bending else 'rigid'}, {len(x)} px")
-    axes.set_title("; ".join(named))
+    axes.set_title("bodies: " + "; ".join(named))
 
 
 def _draw_ways(axes: Axes, matter: MatterField, lens: Sequence[float] | None) -> None:
@@ -77,7 +76,7 @@ def _draw_ways(axes: Axes, matter: MatterField, lens: Sequence[float] | None) ->
         states = along[:, None] * torch.eye(matter.d, dtype=torch.float64)[i]
         places = _see(matter.carry(states)[:, chosen].numpy(), lens)
         axes.plot(*np.moveaxis(places, 2, 0), color=f"C{i}", linewidth=0.8)
-    axes.set_title(f"ways, {REACH:g} deviations of each latent")
+    axes.set_title(f"ways of points over ±{REACH:g} deviations of each coordinate")
 
 
 def _draw_paths(axes: Axes, paths: MaterialPaths, lens: Sequence[float] | None) -> None:

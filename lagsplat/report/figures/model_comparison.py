@@ -13,7 +13,8 @@ from lagsplat.baselines.networks import AttentionDecoder, compute_attention_cent
 from lagsplat.evaluate.novel_views import draw_novel_view
 from lagsplat.evaluate.protocol import EvaluationSubject, choose_evenly, roll_out
 from lagsplat.io.recording.recording import Recording
-from lagsplat.report.common.style import MARK, PAGE_IN, add_colorbar, new_figure, paper_style
+from lagsplat.report.common.formatting import format_number
+from lagsplat.report.common.style import PAGE_IN, PREDICTED, add_colorbar, new_figure, paper_style
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents, encode_frames
 from lagsplat.views.novel import NovelViews
 
@@ -84,7 +85,9 @@ def draw_comparison(models: Mapping[str, EvaluationSubject], *, title: str) -> F
 
 
 def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
-    """Draw a row for each model: the image, then the map of each node with its centre of mass.
+    """Draw a row for each model: the image, then the map of each node, its centre of mass and largest value.
+
+    Each map has a scale of its own, from zero to that value.
 
     Raises:
         ValueError: no model has maps.
@@ -92,9 +95,11 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
     if not models:
         raise ValueError("nothing to draw: no baseline has attention maps; add osc_abcd or koopman_abcd")
     columns = 1 + max(len(model.maps) for model in models)
+    key = "black: no attention, white: the largest of the map; cross: its centre of mass"
     with paper_style():
-        side = PAGE_IN / 9.0
-        figure = new_figure(side * columns + 1.2, 1.2 * side * len(models) + 0.5, title=title)
+        width = min(PAGE_IN, max(0.9 * columns + 1.0, 4.4))
+        side = min((width - 1.0) / columns, 1.0)
+        figure = new_figure(width, (side + 0.35) * len(models) + 0.5, title=f"{title}\n{key}")
         axes = figure.subplots(len(models), columns, squeeze=False)
         for axis in axes.flat:
             axis.set(xticks=[], yticks=[])
@@ -102,13 +107,17 @@ def draw_attention(models: Sequence[AttentionMaps], *, title: str) -> Figure:
         for line, model in zip(axes, models, strict=True):
             line[0].set_axis_on()
             line[0].imshow(np.moveaxis(model.picture, 0, 2))
-            line[0].set_ylabel(model.name, rotation=0, ha="right", va="center")
-            for axis, attention, (row, column) in zip(line[1:], model.maps, model.centres, strict=False):
-                axis.imshow(attention, cmap="gray", vmin=0.0, vmax=1.0)
-                axis.plot(column, row, "+", color=MARK)
+            line[0].set_ylabel(f"{model.name}\n{len(model.maps)} nodes", rotation=0, ha="right", va="center")
+            for index, (axis, attention) in enumerate(zip(line[1:], model.maps, strict=False)):
+                axis.imshow(attention, cmap="gray", vmin=0.0, vmax=max(float(attention.max()), 1e-12))
+                row, column = model.centres[index]
+                axis.plot(column, row, "+", color="white", markersize=6, markeredgewidth=2.0)
+                axis.plot(column, row, "+", color=PREDICTED, markersize=5, markeredgewidth=1.0)
+                axis.set_title(f"node {index + 1}\nto {format_number(float(attention.max()))}", pad=2)
     return figure
 
 
+@paper_style()
 def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title: str) -> Figure:
     """Draw frames from the best to the worst reconstructed, their renders and absolute errors.
 
@@ -125,11 +134,12 @@ def draw_reconstruction(autoencoder: Autoencoder, recording: Recording, *, title
     picks = [order[round(quantile * (len(order) - 1))] for quantile in QUANTILES.values()]
     figure, axes = _draw_comparison([real[i] for i in picks], [rendered[i] for i in picks], "recorded", title)
     for column, (pick, name) in enumerate(zip(picks, QUANTILES, strict=True)):
-        axes[0, column].set_title(f"{name}: frame {frames[pick]}")
-        axes[2, column].set_xlabel(f"MSE {mse[pick]:.2e}")
+        axes[0, column].set_title(f"{name} (frame {frames[pick]})")
+        axes[2, column].set_xlabel(f"MSE {format_number(mse[pick])}")
     return figure
 
 
+@paper_style()
 def draw_novel_views(
     autoencoder: Autoencoder, recording: Recording, views: NovelViews, *, title: str
 ) -> Figure:

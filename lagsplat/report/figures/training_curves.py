@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from lagsplat.report.common import style
+from lagsplat.report.common.formatting import format_number, format_percent
 
 if TYPE_CHECKING:  # a curve is drawn without loading torch
     from lagsplat.chart.chart import Chart
@@ -15,6 +16,8 @@ if TYPE_CHECKING:  # a curve is drawn without loading torch
 COLOURS = (style.PREDICTED, *style.INPUTS[:4], style.INPUTS[5])
 N_BINS = 700
 CLOSE_UP_S = 10.0
+CLOSE_UP_SHARE = 0.4  # of the recording, at most
+THIN_SPACE = "\N{NARROW NO-BREAK SPACE}"
 
 
 def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str) -> Figure:
@@ -33,40 +36,59 @@ def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str)
     if len({str(errors["starts"]) for _, errors in drawn}) > 1:
         raise ValueError("the models were started at different frames; evaluate all with the same settings")
     with style.paper_style():
-        figure = style.new_figure(style.PAGE_IN, 2.8, title=title)
+        _, any_model = drawn[0]
+        band = f"median over {len(any_model['starts'])} starts; band: the central two thirds of them"
+        figure = style.new_figure(style.PAGE_IN, 2.9, title=f"{title}\n{band}")
         axis = figure.subplots()
-        for (name, errors), colour in zip(drawn, COLOURS, strict=False):
+        for index, ((name, errors), colour) in enumerate(zip(drawn, COLOURS, strict=False)):
             time_s, low, high = errors["time_s"], errors["low"], errors["high"]
             axis.fill_between(time_s, low, high, color=colour, alpha=0.15, linewidth=0)
-            axis.plot(time_s, errors["median"], color=colour, label=name)
-        _, any_model = drawn[0]
+            dashes = style.INPUT_DASHES[index % len(style.INPUT_DASHES)]
+            axis.plot(time_s, errors["median"], color=colour, linestyle=dashes, label=name)
         for key, line, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
             axis.plot(any_model["time_s"], any_model[key], color=style.QUIET, linestyle=line, label=label)
-        axis.set(yscale="log", xlabel="time since the start [s]", ylabel="mean squared image error")
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axis.set(yscale="log", xlabel="time since the start (s)")
+        axis.set_ylabel("mean squared image error (colour, 0 to 1)")
+        axis.set_xlim(0.0, any_model["time_s"][-1])
+        style.label_decades(axis.yaxis)
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=2.6)
     return figure
 
 
+VISIBILITY = "coordinates in the order of how much of the motion of the image each makes"
+
+
+def describe_share(share: float) -> str:
+    """Say how much of the motion of the image a coordinate makes."""
+    return f"{format_percent(share)} of visible motion"
+
+
 def order_by_visibility(metric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Order coordinates by decreasing share of the metric's trace; the shares are in the same order."""
+    """Order coordinates by the share of the visible motion that each makes, largest first, with the shares.
+
+    That is its share of the metric's trace: the metric measures how far the image changes with the state.
+    """
     share = np.diag(metric) / np.trace(metric)
     order = np.argsort(-share, kind="stable")
     return order, share[order]
 
 
 def draw_latents(chart: "Chart", *, title: str) -> Figure:
-    """Draw each whitened coordinate over the whole recording and, on the right, ten seconds around the split.
+    """Draw each whitened coordinate over the whole recording and, on the right, around the split.
 
-    Long series are drawn as the range within each of 700 bins. Panels carry the coordinate's share of the
-    visibility metric's trace; the split between training and held-out frames is marked.
+    Long series are drawn as the range within each of 700 bins. Panels carry the share of the visible motion
+    that the coordinate makes; the split between training and held-out frames is marked.
     """
     order, share = order_by_visibility(chart.metric)
     time_s = chart.time_s - chart.time_s[0]
     split_s = float(time_s[min(chart.n_train, len(time_s) - 1)])
-    near = np.abs(time_s - split_s) <= 0.5 * CLOSE_UP_S
+    near = np.abs(time_s - split_s) <= 0.5 * min(CLOSE_UP_S, CLOSE_UP_SHARE * float(time_s[-1]))
     rows = chart.d + int(chart.inputs.shape[1] > 0)
+    height_in = 0.75 + (1.3 if chart.d == 1 else 0.8) * rows
     with style.paper_style():
-        figure = style.new_figure(style.PAGE_IN, 0.55 + 0.62 * rows, title=title)
+        figure = style.new_figure(
+            style.PAGE_IN, height_in, title=f"{title}\n{VISIBILITY}" if chart.d > 1 else title
+        )
         axes = figure.subplots(rows, 2, sharex="col", squeeze=False, width_ratios=[2.2, 1])
         for row, (index, part) in enumerate(zip(order, share, strict=True)):
             series = chart.latents[:, index]
@@ -76,20 +98,21 @@ def draw_latents(chart: "Chart", *, title: str) -> Figure:
             _draw_range(whole, time_s[n:], series[n:], style.PREDICTED, "held out")
             for stretch, colour in ((time_s < split_s, style.ENCODED), (time_s >= split_s, style.PREDICTED)):
                 close.plot(time_s[near & stretch], series[near & stretch], color=colour)
-            whole.set_ylabel(f"$q_{{{index + 1}}}$")
-            whole.set_title(f"{100 * part:.1f} % of tr G", loc="right", pad=2)
+            whole.set_ylabel(f"$q_{{{index + 1}}}$", rotation=0, va="center", labelpad=8)
+            if chart.d > 1:
+                whole.set_title(describe_share(part), loc="right", pad=2)
+        above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2, "handlelength": 1.6}
+        axes[0, 0].legend(ncols=2, **above)
         if chart.inputs.shape[1]:
             for column, series in enumerate(chart.inputs.T):
-                colour, name = style.INPUTS[column % len(style.INPUTS)], f"u{column + 1}"
-                _draw_range(axes[-1, 0], time_s, series, colour, name)
-                axes[-1, 1].plot(time_s[near], series[near], color=colour, label=name)
+                look = style.distinguish(column)
+                _draw_range(axes[-1, 0], time_s, series, look["color"], "")
+                axes[-1, 1].plot(time_s[near], series[near], label=f"$u_{{{column + 1}}}$", **look)
             axes[-1, 0].set_ylabel("inputs")
-            corner = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.95)}
-            axes[-1, 1].legend(ncols=4, handlelength=1.0, columnspacing=0.8, **corner)
+            axes[-1, 1].legend(ncols=4, columnspacing=0.8, **above)
         for axis in axes.ravel():
             axis.axvline(split_s, color=style.MARK, linewidth=0.8, linestyle="--")
-        axes[0, 0].legend(loc="upper left", ncols=2, handlelength=1.0, bbox_to_anchor=(0.0, 1.35))
-        axes[-1, 0].set_xlabel("time (s)")
+        axes[-1, 0].set_xlabel("time (s); dashed: where the held-out part begins")
         axes[-1, 1].set_xlabel("time (s), around the split")
         figure.align_ylabels(axes[:, 0])
     return figure
@@ -106,9 +129,11 @@ def _draw_range(axis: Any, time_s: np.ndarray, series: np.ndarray, colour: str, 
 
 
 def draw_curves(
-    curve: pd.DataFrame, *, title: str, columns: Sequence[str], labels: Mapping[str, str]
+    curve: pd.DataFrame, *, title: str, columns: Sequence[str], labels: Mapping[str, str], unit: str
 ) -> Figure:
     """Draw positive columns of a training curve over its first column, on a logarithmic scale.
+
+    The legend tells where each ends; ``unit`` is that of all the errors.
 
     Raises:
         ValueError: a column is not in the curve.
@@ -116,14 +141,20 @@ def draw_curves(
     missing = [name for name in columns if name not in curve]
     if missing:
         raise ValueError(f"the curve has no column {missing}; it has {list(curve.columns)}")
-    step = curve.columns[0]
+    steps = curve[curve.columns[0]]
     with style.paper_style():
-        figure = style.new_figure(style.PAGE_IN, 2.4, title=title)
+        figure = style.new_figure(style.PAGE_IN, 2.6, title=title)
         axis = figure.subplots()
-        for name, colour in zip(columns, style.INPUTS, strict=False):
+        for index, name in enumerate(columns):
             values = curve[name].to_numpy(dtype=float)
             positive = np.where(values > 0, values, np.nan)
-            axis.plot(curve[step], positive, color=colour, label=labels.get(name, name))
-        axis.set(yscale="log", xlabel=step)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            last = f", {format_number(values[-1])} in the end" if len(values) else ""
+            look = style.distinguish(index)
+            axis.plot(steps, positive, label=labels.get(name, name).replace("_", " ") + last, **look)
+        axis.set(yscale="log", ylabel=unit)
+        count = f"{steps.max() if len(steps) else 0:,.0f}".replace(",", THIN_SPACE)
+        axis.set_xlabel(f"training step, of {count}")
+        axis.grid(axis="y", color=style.GRID, linewidth=0.4)
+        style.label_decades(axis.yaxis)
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.2)
     return figure

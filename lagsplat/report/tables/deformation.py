@@ -116,5 +116,5 @@ def draw_jacobian_field(
             axes[2 * index + 1].set_title(text, loc="left")
         for axis in axes:
             axis.set(xticks=[], yticks=[])
-        figure.colorbar(image, ax=list(axes), label="speed of the primitives [px/s]", shrink=0.9, pad=0.01)
+        figure.colorbar(image, ax=list(axes), label="speed of the primitives (px/s)", shrink=0.9, pad=0.01)
     return figure

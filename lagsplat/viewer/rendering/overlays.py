@@ -11,8 +11,8 @@ from skimage.measure import find_contours
 from torch import Tensor
 
 from lagsplat.array_types import Vector
-from lagsplat.forces.moving_parts import draw_outline
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.forces.rest_outline import draw_rest_mask
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.projection import SQUARE
 from lagsplat.viewer.rendering.renderer import SceneRenderer
@@ -100,7 +100,7 @@ SHORT = 12  # outlines of at most as many corners are specks
 
 def trace_rest_outline(operating_point: OperatingPoint) -> list[Float64[np.ndarray, "n 2"]]:
     """Trace the outlines of the object at rest [px of the training resolution]."""
-    mask = draw_outline(operating_point.find_moving_parts(), scale=FINER)
+    mask = draw_rest_mask(operating_point, scale=FINER)
     return [line / FINER for line in trace_outlines(mask.astype(np.float64), smooth_px=float(FINER))]
 
 

@@ -26,7 +26,9 @@ from lagsplat.views.novel import cameras_bytes
 
 BEYOND = 0.5  # how far outside a window a pointer still counts, as a share of its size
 QUALITY = 90  # JPEG quality of the images [percent]
-FOV = 0.75  # vertical field of view [rad]
+FOV = 0.75  # vertical field of view of a visitor whose window is not known yet [rad]
+LEAST_FOV = 1e-4  # changes that are smaller are not made [rad]
+FILLED = 1.12  # size of the window over the image that fills it, one way
 UPRIGHT = (0.0, 1.0, 0.0, 0.0)  # turns an image upright: viser puts its rows along +y
 FRONT = 0.02  # distance between an overlay and the image below it
 Pointer = Float64[np.ndarray, "2"]
@@ -106,6 +108,23 @@ def listen_to_drags(
         act(event.phase, drag, pointer, event.client_id)
 
 
+def listen_to_cameras(
+    server: viser.ViserServer, choose_fov: Callable[[float], float], act: Callable[[], None]
+) -> None:
+    """Set the field of view of every visitor by the shape of their window; call ``act`` at each change."""
+
+    @server.on_client_connect
+    async def _(client: viser.ClientHandle) -> None:
+        @client.camera.on_update
+        async def _(camera: viser.CameraHandle) -> None:
+            width, height = camera.image_width, camera.image_height
+            if width > 0 and height > 0:
+                fov = choose_fov(width / height)
+                if abs(camera.fov - fov) > LEAST_FOV:
+                    camera.fov = fov
+            act()
+
+
 def add_image(
     scene: viser.SceneApi, name: str, image: RgbImage, size: tuple[float, float], *, left: float = 0.0
 ) -> viser.ImageHandle:
@@ -176,11 +195,17 @@ class ImageCanvas:
     def listen(self, on_drag: DragHandler, on_camera_change: Callable[[], None]) -> None:
         """Call ``on_drag`` with every drag of the image, which does not depend on the camera."""
         listen_to_drags(self.image_node, self._locate, on_drag)
+        listen_to_cameras(self.server, self.choose_fov, lambda: None)
 
     @property
     def far(self) -> float:
-        """Distance from which the whole image is visible."""
+        """Distance of the camera from the image."""
         return 0.62 * max(self.size) / float(np.tan(0.5 * FOV))
+
+    def choose_fov(self, aspect: float) -> float:
+        """Vertical field of view [rad] at which the image fills a window of ``aspect``."""
+        half = 0.5 * FILLED * max(self.size[1], self.size[0] / aspect)
+        return float(2.0 * np.arctan(half / self.far))
 
     def _locate(self, event: viser.SceneNodeDragEvent) -> tuple[ImageDrag, Pointer]:
         eye = tuple(event.client.camera.position)
@@ -282,11 +307,6 @@ class CameraCanvas:
         """Turn a visitor's view to that of the recording camera."""
         look_from(client.camera, self.scene_frame.eye)
 
-    def fit(self, camera: viser.CameraHandle) -> None:
-        """Set the field of view so that a window of any shape shows the whole recorded image."""
-        if camera.image_height > 0 and camera.image_width > 0:
-            camera.fov = self.scene_frame.fov(camera.image_width / camera.image_height)
-
     def camera(self, client: viser.ClientHandle) -> Camera:
         """A visitor's camera in the coordinates of the run.
 
@@ -314,13 +334,7 @@ class CameraCanvas:
     def listen(self, on_drag: DragHandler, on_camera_change: Callable[[], None]) -> None:
         """Call these with every drag of the object, and when a visitor arrives or looks elsewhere."""
         listen_to_drags(self.proxy_node, self._locate, on_drag)
-
-        @self.server.on_client_connect
-        async def _(client: viser.ClientHandle) -> None:
-            @client.camera.on_update
-            async def _(camera: viser.CameraHandle) -> None:
-                self.fit(camera)
-                on_camera_change()
+        listen_to_cameras(self.server, self.scene_frame.fov, on_camera_change)
 
         @self.server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:

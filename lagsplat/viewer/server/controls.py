@@ -12,6 +12,7 @@ import viser
 from viser import uplot
 
 from lagsplat.forces.grasp import SPACING_PX
+from lagsplat.viewer.server.keys import bind_keys
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
@@ -55,7 +56,8 @@ class ControlPanel:
             self._add_view_controls(gui)
         with tabs.add_tab("Record"):
             self._add_record_controls(gui, actions)
-        self.plots = HistoryPlots(gui, d=len(session.q), span_s=session.config.history_s)
+        self.plots = HistoryPlots(gui, session)
+        self.keys = bind_keys(gui, loop, session.operating_point)
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
             gui.add_markdown(Path(__file__).with_name("help.md").read_text(encoding="utf-8"))
@@ -129,7 +131,10 @@ class ControlPanel:
         clock = self.loop.clock
         last = len(session.recorded.q) - 1
         self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, lambda s, value: setattr(clock, "speed", value))
-        self._add_slider("Frame", (0, max(1, last), 1), 0, lambda s, value: s.to_frame(min(int(value), last)))
+        first = session.frame or 0
+        self._add_slider(
+            "Frame", (0, max(1, last), 1), first, lambda s, value: s.to_frame(min(int(value), last))
+        )
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
         def set_radius(s: Session, value: float) -> None:
@@ -176,7 +181,11 @@ class ControlPanel:
 
     def _add_input_controls(self, gui: viser.GuiApi, session: Session) -> None:
         recorded = session.recorded
-        follow = self._add_checkbox("As recorded", lambda on: self.loop.submit(lambda s: s.follow(on)))
+
+        def replay_inputs(on: bool) -> None:
+            self.loop.submit(lambda s: s.follow(on))
+
+        follow = self._add_checkbox("As recorded", replay_inputs, on=session.following)
         low, high = recorded.u.min(0), recorded.u.max(0)
         sliders = [
             gui.add_slider(
@@ -243,22 +252,37 @@ def clip_value(value: float, low: float, high: float) -> float:
     return float(np.clip(np.nan_to_num(float(value), nan=low), low, high))
 
 
-COLORS = ("#4c9be8", "#e8743b", "#3fb68b", "#c678dd", "#e5c07b", "#9aa0a6")
-PLOT_HEIGHT_PX = 150
+COLORS = ("#3d8fe0", "#d9642a", "#1f9a70", "#b765cf", "#a98414", "#808890")
+DASHES = ((), (7, 3), (2, 2.5), (9, 3, 2, 3), (4, 2), (1.5, 4))  # so that lines differ without their colours
+PLOT_HEIGHT_PX = 160
 PLOT_POINTS = 300
+LEAST_SPAN = (
+    0.02  # of a plot over the range of the recording: what is less, as a rounding error, is a flat line
+)
 
 
 class HistoryPlots:
-    """Plots of state, energy and energy balance over the last ``span_s`` seconds of model time."""
+    """Plots of state, energy and energy balance over the last seconds of model time.
 
-    def __init__(self, gui: viser.GuiApi, *, d: int, span_s: float) -> None:
-        self.span_s = span_s
+    Each spans at least `LEAST_SPAN` of the range that the recording has, about its value at rest.
+    """
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self.span_s, self.is_driven = session.config.history_s, len(session.u) > 0
         self.rows: deque[list[float]] = deque(maxlen=PLOT_POINTS)
-        self.plots = [
-            (_add_plot(gui, "State q (whitened)", [f"q{i}" for i in range(d)]), d),
-            (_add_plot(gui, "Energy (law's unit)", ["kinetic", "potential", "total"]), 3),
-            (_add_plot(gui, "Energy balance", ["hand", "inputs", "dissipated", "unexplained"]), 4),
-        ]
+        rest, (states, energies) = session.operating_point.rest.numpy(), session.measure_ranges()
+        at_rest = float(session.law.potential(rest))
+        flows = ["hand", *["inputs"] * self.is_driven, "dissipated", "unexplained"]
+        titles = ("State q (deviations)", "Energy (law's unit)", "Energy balance (law's unit)")
+        kinds = (
+            ([f"q{i + 1}" for i in range(len(rest))], (float(rest.min()), float(rest.max())), states),
+            (["kinetic", "potential", "total"], (min(at_rest, 0.0), max(at_rest, 0.0)), energies),
+            (flows, (0.0, 0.0), energies),
+        )
+        self.plots = []
+        for title, (names, (low, high), span) in zip(titles, kinds, strict=True):
+            half = 0.5 * LEAST_SPAN * span
+            self.plots.append((_add_plot(gui, title, names, (low - half, high + half)), len(names)))
 
     def add(self, snapshot: Snapshot) -> None:
         """Add a snapshot unless it is close in time to the latest; clear the plots if time went back."""
@@ -268,7 +292,8 @@ class HistoryPlots:
             return
         energy = snapshot.energy
         row = [snapshot.time_s, *snapshot.q.tolist(), energy.kinetic, energy.potential, energy.total]
-        self.rows.append([*row, energy.hand_work, energy.input_work, energy.dissipated, energy.error])
+        flows = [energy.hand_work, *[energy.input_work] * self.is_driven, energy.dissipated, energy.error]
+        self.rows.append([*row, *flows])
         while self.rows[0][0] < snapshot.time_s - self.span_s:
             self.rows.popleft()
 
@@ -282,16 +307,25 @@ class HistoryPlots:
             del columns[:count]
 
 
-def _add_plot(gui: viser.GuiApi, title: str, names: list[str]) -> viser.GuiUplotHandle:
-    colors = itertools.cycle(COLORS)
-    lines = [uplot.Series(label=name, stroke=next(colors), width=1.6) for name in names]
-    axes = [uplot.Axis(size=size, stroke="#8a8f98") for size in (28, 46)]
+def _add_plot(
+    gui: viser.GuiApi, title: str, names: list[str], least: tuple[float, float]
+) -> viser.GuiUplotHandle:
+    """Add a plot over time that shows at least the values of ``least``."""
+    looks = zip(itertools.cycle(COLORS), itertools.cycle(DASHES), strict=False)
+    lines = [
+        uplot.Series(label=name, stroke=color, width=1.6, dash=dash)
+        for name, (color, dash) in zip(names, looks, strict=False)
+    ]
+    # a soft bound gives way to values beyond it
+    low, high = ({"soft": bound, "mode": 1, "pad": 0.1} for bound in least)
+    scales: Any = {"x": uplot.Scale(time=False), "y": {"range": {"min": low, "max": high}}}
+    axes = (uplot.Axis(size=34, label="time (s)", labelSize=16), uplot.Axis(size=52))
     return gui.add_uplot(
         (np.array([0.0, 1.0]), *(np.zeros(2) for _ in names)),
-        (uplot.Series(label="t [s]"), *lines),
+        (uplot.Series(label="time (s)"), *lines),
         title=title,
         height=PLOT_HEIGHT_PX,
-        scales={"x": uplot.Scale(time=False)},
-        axes=tuple(axes),
+        scales=scales,
+        axes=axes,
         legend=uplot.Legend(show=True),
     )

@@ -22,6 +22,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Data
 
 from lagsplat.viewer.server.access_control import is_foreign_origin
+from lagsplat.viewer.server.page_script import add_page_script
 
 log = logging.getLogger(__name__)
 TOKEN_BYTES = 18
@@ -140,6 +141,7 @@ def guard_sockets(gate: Gate) -> Iterator[None]:
             response = gate.refuse(connection, request)
             if response is None:
                 response = process_request(connection, gate.below_token(request))
+                response = response and add_page_script(response)
             if response is not None:
                 for name, value in HEADERS.items():
                     response.headers[name] = value

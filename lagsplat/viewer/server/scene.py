@@ -17,6 +17,10 @@ from lagsplat.viewer.server.canvas import CameraCanvas, Canvas, ImageCanvas, add
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 FORCE, BRUSH, FIELD, RESIDUAL = (240, 84, 0), (255, 255, 255), (120, 230, 150), (240, 90, 200)
+WARNING = (255, 150, 60)
+RIM = 0.05  # thickness of the frame around the picture of a state beyond the recording
+HINT = "Drag the object, or press an arrow key"
+HINT_WAY = 0.3  # length of the drag that the hint shows, over the height of the image
 CORNERS = 48  # corners of the circle that shows the brush
 LATENCIES = 200  # latest drags over which the latency is measured
 SHORTEST_PX = 0.15  # arrows that are shorter are hidden
@@ -66,6 +70,13 @@ class SceneView:
         self.residual_lines = draw_lines(scene, "/residual", EMPTY, RESIDUAL, thick=0.024)
         self.brush = draw_lines(scene, "/brush", EMPTY, BRUSH, thick=0.02)
         self.spread = draw_lines(scene, "/spread", EMPTY, BRUSH, thick=0.012)
+        corners = 0.5 * np.array([(-width, -height), (width, -height), (width, height), (-width, height)])
+        rim = np.pad(np.concatenate([corners, corners[:1]]), ((0, 0), (0, 1)))
+        self.beyond = draw_lines(scene, "/beyond", to_segments(rim), WARNING, thick=RIM)
+        self.hint = scene.add_arrows("/hint", self._point_at_lever(operating_point), BRUSH, shaft_radius=0.02)
+        self.hint.head_radius, self.hint.head_length = 0.07, 0.14
+        below = (0.0, -0.54 * height, 0.0)
+        self.hint_words = scene.add_label("/hint-words", HINT, anchor="bottom-center", position=below)
 
     def draw(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for every visitor."""
@@ -81,6 +92,8 @@ class SceneView:
 
     def _draw_grasp(self, snapshot: Snapshot) -> None:
         grasp = snapshot.active_grasp
+        if grasp is not None and self.hint.visible:
+            self.hint.visible = self.hint_words.visible = False  # whoever has pushed knows how
         self.arrow.visible = self.brush.visible = self.spread.visible = grasp is not None
         if grasp is None:
             return
@@ -100,6 +113,7 @@ class SceneView:
         frame = snapshot.frame if self.shown["recorded"] else None
         residual = self.residual if self.shown["residual"] else None
         self.velocity.visible = self.shown["velocity"]
+        self.beyond.visible = snapshot.is_beyond
         self.recorded_image.visible = self.recorded_label.visible = frame is not None
         self.residual_lines.visible = residual is not None
         if self.velocity.visible:
@@ -109,6 +123,13 @@ class SceneView:
             self.residual_lines.points = self._arrows(snapshot.q, rate, self.field.largest(snapshot.q, rate))
         if frame is not None:
             self.recorded_image.image = self.read_frame(frame)
+
+    def _point_at_lever(self, operating_point: OperatingPoint) -> np.ndarray:
+        """Foot and tip of the drag that the hint shows: at the place that moves most, along its way."""
+        at, along = operating_point.find_lever()
+        foot = operating_point.follow_matter_at(at, operating_point.rest.numpy())
+        way = np.pad(np.array(along), (0, len(foot) - 2)) * HINT_WAY * operating_point.height
+        return self.canvas.to_scene(np.stack([foot, foot + way])[None], layer=2).astype(np.float32)
 
     def _arrows(self, q: np.ndarray, rate: np.ndarray, largest: float) -> np.ndarray:
         arrows = self.field.arrows(q, rate, largest=largest)

@@ -30,12 +30,21 @@ log = logging.getLogger(__name__)
 class ViewerServer:
     """Serves the live view of a session until `stop`; sessions are saved in ``folder``.
 
+    If ``moving``, the object moves as in the recording when somebody arrives, until it is pushed.
+
     Raises:
         OSError: no port is free from ``viewer.port`` on, or the address is not this machine's.
     """
 
     def __init__(
-        self, session: Session, *, title: str, read_frame: ReadFrame, folder: Path, residual: Residual = None
+        self,
+        session: Session,
+        *,
+        title: str,
+        read_frame: ReadFrame,
+        folder: Path,
+        residual: Residual = None,
+        moving: bool = False,
     ) -> None:
         config, operating_point = session.config, session.operating_point
         if text := warn_of_open_host(config.host):
@@ -59,7 +68,14 @@ class ViewerServer:
         self.drag: Drag | None = None
         self.saving = threading.Lock()
         canvas.listen(self._drag, lambda: self.loop.submit(lambda s: None))
+        if moving:
+            self.server.on_client_connect(lambda _: self.loop.submit(self._begin))
         self.loop.start()
+
+    def _begin(self, session: Session) -> None:
+        """Set the object in motion for who arrives alone, unless somebody has pushed it."""
+        if session.last_push is None and len(self.server.get_clients()) <= 1:
+            session.begin_in_motion()
 
     @property
     def url(self) -> str:

@@ -31,6 +31,9 @@ BEYOND = "Beyond the recording: the camera never saw such a state, and image and
 UNDETERMINED = "Not determined by this recording: laws that fit it as well take this point elsewhere."
 
 
+RANGE_ROWS = 400  # recorded states of which the range of the energy is taken
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """A session at one instant; states are whitened, positions in pixels of the training resolution.
@@ -52,11 +55,16 @@ class Snapshot:
     requested_s: float | None
 
     @property
+    def is_beyond(self) -> bool:
+        """Whether the recording never was near this state."""
+        return self.status != "stopped" and self.coverage_distance > 1.0
+
+    @property
     def banner(self) -> str:
         """Warning to show with this state, or an empty string."""
         if self.status == "stopped":
             return DIVERGED
-        if self.coverage_distance > 1.0:
+        if self.is_beyond:
             return BEYOND
         return UNDETERMINED if self.active_grasp is not None and self.active_grasp.is_undetermined else ""
 
@@ -173,6 +181,20 @@ class Session:
             raise ValueError(f"frame {frame} is none of the recording, which has the frames 0 to {last}")
         self.u = recorded.u[frame].copy()
         self._reset(recorded.q[frame].copy(), recorded.v[frame].copy(), frame)
+
+    def begin_in_motion(self) -> None:
+        """Go on in a recorded state: driven runs as recorded, others where it is farthest from rest."""
+        self.following = len(self.u) > 0
+        away = np.linalg.norm(self.recorded.q - self.operating_point.rest.numpy(), axis=1)
+        self.to_frame(self.recorded.segments[0][0] if self.following else int(away.argmax()))
+
+    def measure_ranges(self) -> tuple[float, float]:
+        """Ranges of the state and of the energy in the recording."""
+        recorded, law = self.recorded, make_fast_lagrangian(self.operating_point.law)
+        rows = np.unique(np.linspace(0, len(recorded.q) - 1, RANGE_ROWS).astype(int))
+        pairs = zip(recorded.q[rows], recorded.v[rows], strict=True)
+        energies = [float(law.kinetic(q, v)) + float(law.potential(q)) for q, v in pairs]
+        return float(np.ptp(recorded.q)), float(np.ptp(energies))
 
     def replay(self, history: SessionHistory) -> None:
         """Repeat a history: from its first state, with its forces, inputs and edits.

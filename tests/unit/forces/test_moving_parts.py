@@ -9,7 +9,6 @@ from lagsplat.forces.moving_parts import (
     choose_hanging_points,
     choose_lever_points,
     choose_moving_points,
-    draw_outline,
     has_levers,
 )
 from tests.unit.forces.rocking import CLAMP, CONTACT, hanging, rocking
@@ -78,16 +77,6 @@ def test_an_image_in_which_nothing_moves_is_refused():
         choose_lever_points(still, margin=1.0)
     with pytest.raises(ValueError, match="nothing moves"):
         choose_hanging_points(still)
-
-
-def test_the_outline_is_that_of_the_disc():
-    operating_point = rocking()
-    scene = operating_point.find_moving_parts()
-    seen = draw_outline(scene, scale=2)
-    assert seen.shape == (48, 64)
-    assert seen[24, 32]
-    assert not seen[:4].any()
-    assert seen.sum() / 4 == pytest.approx(np.pi * 7.0**2, rel=0.05)
 
 
 def test_the_inside_of_an_object_has_no_rim_unless_it_is_all_rim():

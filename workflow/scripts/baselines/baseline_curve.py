@@ -2,14 +2,17 @@
 
 import pandas as pd
 
+from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.io.files.artifact import read_header
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.training_curves import draw_curves
 
 with Job(snakemake) as job:
     names = ["loss", "reconstruction", "ahead", "latent"]
     curve = pd.DataFrame(read_header(job.input.model)["training"]["curve"], columns=["step", *names])
-    labels = {"reconstruction": "a frame, squared error", "ahead": "the next frame", "latent": "its state"}
-    figure = draw_curves(curve, title=job.title("Baseline"), columns=names, labels=labels)
-    save_figure(job.output.figure, figure)
+    labels = {"reconstruction": "a frame", "ahead": "the next frame", "latent": "its state"}
+    name = job.wildcards.baseline
+    title, unit = job.title(f"Training of {BASELINE_TITLES.get(name, name)}"), "mean squared error"
+    figure = draw_curves(curve, title=title, columns=names, labels=labels, unit=unit)
+    save_figures(job.output, figure)

@@ -2,7 +2,7 @@
 
 from lagsplat.io.files.atomic import load_json
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.equilibrium import draw_equilibrium
 
 with Job(snakemake) as job:
@@ -11,5 +11,5 @@ with Job(snakemake) as job:
         "key-point forecaster": [load_json(path) for path in job.input.forecasters],
         "neural ODE": [load_json(path) for path in job.input.odes],
     }
-    for path in (job.output.pdf, job.output.png):
-        save_figure(path, draw_equilibrium(run, models, title=job.params.title))
+    figure = draw_equilibrium(run, models, title=job.params.title)
+    save_figures((job.output.pdf, job.output.png), figure)

@@ -2,10 +2,10 @@
 
 from lagsplat.evaluate.velocity_field import load_maps
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.tables.deformation import draw_jacobian_field
 
 with Job(snakemake) as job:
     maps, measures = load_maps(job.input.maps[0])
-    for path in (job.output.pdf, job.output.png):
-        save_figure(path, draw_jacobian_field(maps, measures, title=job.params.title))
+    figure = draw_jacobian_field(maps, measures, title=job.params.title)
+    save_figures((job.output.pdf, job.output.png), figure)

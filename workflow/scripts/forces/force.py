@@ -5,7 +5,7 @@ from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.matter.field import load_matter
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.forces import compute_force_panels, draw_forces
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics, load_parameter_draws
@@ -19,5 +19,4 @@ with Job(snakemake) as job:
         hanging=job.params.hanging,
         draws=load_parameter_draws(job.input.run[2]),
     )
-    for path in job.output:
-        save_figure(path, draw_forces(panels, title=job.params.title))
+    save_figures(job.output, draw_forces(panels, title=job.params.title))

@@ -7,7 +7,7 @@ from lagsplat.forces.operating_point import hold_at_load
 from lagsplat.io.files.atomic import save_json
 from lagsplat.matter.field import load_matter
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.forces import draw_space_push
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
@@ -17,5 +17,5 @@ with Job(snakemake) as job:
     held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
     push = push_in_space(held, job.section(ForcesConfig))
     save_json(job.output.metrics, push.numbers() | {"made_by": job.header})
-    for path in (job.output.pdf, job.output.png):
-        save_figure(path, draw_space_push(held, push, title=job.params.title))
+    figure = draw_space_push(held, push, title=job.params.title)
+    save_figures((job.output.pdf, job.output.png), figure)

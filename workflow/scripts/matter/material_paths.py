@@ -7,7 +7,7 @@ from lagsplat.io.recording.recording import load_recording
 from lagsplat.matter.field import load_matter
 from lagsplat.matter.rest_picture import show_mean_state
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.matter import draw_matter
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
@@ -32,7 +32,6 @@ with Job(snakemake) as job:
         paths = follow_material_points(matter, chart, system, truth)
     picture = show_mean_state(frames, chart.train.latents)
     figure = draw_matter(matter, picture, paths, title=job.title("Matter"), lens=autoencoder.lens)
-    for path in (job.output.pdf, job.output.png):
-        save_figure(path, figure)
+    save_figures((job.output.pdf, job.output.png), figure)
     found = {"bodies": header["report"]["bodies"], "truth": None if paths is None else paths.measure()}
     save_json(job.output.metrics, found | {"made_by": job.header})

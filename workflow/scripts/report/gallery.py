@@ -7,7 +7,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import make_run_subject
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.model_comparison import draw_comparison
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
@@ -19,5 +19,4 @@ with Job(snakemake) as job:
     models = {"LaGSplat": make_run_subject(*parts, recording, config)}
     for name, path in zip(job.params.names, job.input.models, strict=True):
         models[name] = make_baseline_subject(load_baseline(path)[0], recording, config)
-    for path in job.output:
-        save_figure(path, draw_comparison(models, title=job.params.title))
+    save_figures(job.output, draw_comparison(models, title=job.params.title))

@@ -4,7 +4,7 @@ import torch
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.equilibrium import draw_inertia
 from lagsplat.report.tables.learned_physics import LEARNED_MASS, MASS_TITLES
 from lagsplat.stage2.fit import load_dynamics
@@ -17,5 +17,4 @@ with Job(snakemake) as job:
         with torch.no_grad():
             matrices = load_dynamics(path)[0].mass(torch.from_numpy(states)).double().numpy()
         forms.append((MASS_TITLES.get(name, LEARNED_MASS), matrices))
-    for path in job.output:
-        save_figure(path, draw_inertia(forms, states, title=job.params.title))
+    save_figures(job.output, draw_inertia(forms, states, title=job.params.title))

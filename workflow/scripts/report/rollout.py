@@ -5,7 +5,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.long_rollout import FineDecoder, compute_long_rollout
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.rollout import draw_rollout
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.stage2.fit import load_dynamics
@@ -21,5 +21,5 @@ with Job(snakemake) as job:
     view = compute_long_rollout(
         autoencoder, chart, lagrangian, recording, job.section(EvaluateConfig), fine=fine
     )
-    for path in (job.output.pdf, job.output.png):
-        save_figure(path, draw_rollout(view, title=job.title(f"Rollout, {job.wildcards.stage2} dynamics")))
+    figure = draw_rollout(view, title=job.title(f"Rollout, {job.wildcards.stage2} dynamics"))
+    save_figures(job.output, figure)

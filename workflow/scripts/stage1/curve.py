@@ -3,14 +3,15 @@
 import pandas as pd
 
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.training_curves import draw_curves
 
 with Job(snakemake) as job:
     figure = draw_curves(
         pd.read_csv(job.input.curve),
-        title=job.title("Stage 1"),
+        title=job.title("Training of stage 1"),
         columns=["loss", "l1", "mse"],
         labels={"l1": "mean absolute error", "mse": "mean squared error"},
+        unit="error of a frame (colour, 0 to 1)",
     )
-    save_figure(job.output.figure, figure)
+    save_figures(job.output, figure)

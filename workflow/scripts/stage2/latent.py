@@ -2,9 +2,9 @@
 
 from lagsplat.chart.chart import load_chart
 from lagsplat.planning.job import Job
-from lagsplat.report.common.style import save_figure
+from lagsplat.report.common.style import save_figures
 from lagsplat.report.figures.training_curves import draw_latents
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)
-    save_figure(job.output.figure, draw_latents(chart, title=job.title("Latent trajectory")))
+    save_figures(job.output, draw_latents(chart, title=job.title("Latent trajectory")))

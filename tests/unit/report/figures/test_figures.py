@@ -16,10 +16,16 @@ from lagsplat.evaluate.long_rollout import (
     estimate_shift,
 )
 from lagsplat.evaluate.protocol import select_held_out
+from lagsplat.report.common.formatting import format_number
 from lagsplat.report.common.style import save_figure
 from lagsplat.report.figures.model_comparison import draw_reconstruction
 from lagsplat.report.figures.rollout import draw_rollout
-from lagsplat.report.figures.training_curves import draw_curves, draw_latents, order_by_visibility
+from lagsplat.report.figures.training_curves import (
+    VISIBILITY,
+    draw_curves,
+    draw_latents,
+    order_by_visibility,
+)
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -66,7 +72,8 @@ def test_latents(parts, tmp_path):
     words = texts(figure)
     assert TITLE in words
     assert words.index(f"$q_{{{order[0] + 1}}}$") < words.index(f"$q_{{{order[1] + 1}}}$")
-    assert f"{100 * share[0]:.1f} % of tr G" in words
+    assert "of visible motion" in words
+    assert VISIBILITY in words
     assert share[0] >= share[1]
     assert share.sum() == pytest.approx(1.0)
 
@@ -86,11 +93,15 @@ def test_rollout(view, tmp_path):
         "predicted",
         "recorded\n16×16, at 3.0 s",
         "256×256",
-        "% of tr G",
+        "% of visible motion",
+        "the whole clip is held out",
+        VISIBILITY,
+        "push",
+        "inputs\n(N)",
         f"latent NRMSE {view.nrmse:.3f} over 3.0 s",
         "natural periods of 0.50 s",
         "px (of 16×16)",
-        f"{view.images.inset.ratio:.1f} × the local\nreconstruction error",
+        f"{format_number(view.images.inset.ratio)} × the local\nreconstruction error",
     ):
         assert part in words
 
@@ -174,13 +185,14 @@ def test_rollout_is_cut_to_the_clip_and_shows_a_divergence(parts, tmp_path):
 
 def test_curves(tmp_path):
     curve = pd.DataFrame({"step": [1, 2, 3], "loss": [1.0, 0.1, 0.01], "mse": [1e-2, 0.0, 1e-4]})
-    figure = draw_curves(curve, title=TITLE, columns=["loss", "mse"], labels={"mse": "MSE"})
+    figure = draw_curves(curve, title=TITLE, columns=["loss", "mse"], labels={"mse": "MSE"}, unit="error")
     save(figure, tmp_path)
-    assert "MSE" in texts(figure)
+    assert "MSE, 1.0·10⁻⁴ in the end" in texts(figure)
+    assert "training step, of 3" in texts(figure)
     save_figure(tmp_path / "b.pdf", figure)
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
     with pytest.raises(ValueError, match="no column"):
-        draw_curves(curve, title=TITLE, columns=["lost"], labels={})
+        draw_curves(curve, title=TITLE, columns=["lost"], labels={}, unit="error")
 
 
 def blob(row: float, column: float) -> np.ndarray:

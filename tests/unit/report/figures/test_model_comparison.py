@@ -51,6 +51,9 @@ def test_maps_are_drawn_of_models_that_attend():
     assert (found.centres >= 0).all()
     assert (found.centres <= [15, 23]).all()
     assert compute_attention("plain", Baseline(architecture(decoder="deconv")), picture) is None
-    assert len(draw_attention([found], title="t").axes) == 3
+    figure = draw_attention([found], title="t")
+    assert len(figure.axes) == 3
+    assert figure.axes[1].get_title().startswith("node 1\nto 0.")
+    assert figure.axes[0].get_ylabel() == "osc\n2 nodes"
     with pytest.raises(ValueError, match="add osc_abcd"):
         draw_attention([], title="t")

@@ -16,6 +16,7 @@ def test_each_model_is_a_line_with_a_band():
     labels = [text.get_text() for text in axis.get_legend().get_texts()]
     assert labels == ["ours", "theirs", "first frame held", "mean frame"]
     assert len(axis.collections) == 2
+    assert len({line.get_linestyle() for line in axis.lines[:2]}) == 2
 
 
 def test_what_cannot_be_compared_is_refused():

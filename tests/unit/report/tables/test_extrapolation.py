@@ -140,7 +140,7 @@ def test_the_figure_shows_every_model_and_the_minimum(tmp_path) -> None:
     save_figure(tmp_path / "equilibrium.png", figure)
     axes = [axis for part in figure.subfigs for axis in part.axes]
     texts = [text.get_text() for axis in axes for text in axis.texts]
-    assert "minimum of V" in texts
+    assert "dashed: minimum of V" in texts
     assert (tmp_path / "equilibrium.png").stat().st_size > 10_000
 
 

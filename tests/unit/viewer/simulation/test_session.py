@@ -41,6 +41,19 @@ def test_a_push_moves_the_grasped_matter_with_it_and_it_returns():
     np.testing.assert_allclose(settled.q, rest, atol=1e-3)
 
 
+def test_a_driven_run_begins_as_recorded_and_another_where_it_is_farthest_from_rest():
+    one = session()
+    one.begin_in_motion()
+    assert one.following
+    assert one.frame == 0
+    one.recorded, one.u = replace(one.recorded, u=one.recorded.u[:, :0]), np.zeros(0)
+    one.begin_in_motion()
+    assert not one.following
+    away = np.abs(one.recorded.q - one.operating_point.rest.numpy())[:, 0]
+    assert away[one.frame] == away.max()
+    assert all(size > 0.0 for size in session().measure_ranges())
+
+
 @pytest.mark.parametrize(
     ("make", "levers", "least"),
     [
