@@ -1,5 +1,7 @@
 """The object as it is seen at rest: matter, without ground of one colour that seems to move along with it."""
 
+from functools import partial
+
 import cv2
 import numpy as np
 import torch
@@ -36,8 +38,8 @@ def _cover(
     point: OperatingPoint, states: torch.Tensor, images: Float[np.ndarray, "n H W 3"]
 ) -> Bool[np.ndarray, "m H W 3"]:
     """Pixels that matter covers at each state, with a rim."""
-    size = {"height": point.height, "width": point.width, "lens": point.autoencoder.lens}
-    covered = [binary_dilation(find_moving_parts(point.matter, q, **size).object) for q in states]
+    find = partial(find_moving_parts, point.matter, height=point.height, width=point.width)
+    covered = [binary_dilation(find(q, lens=point.autoencoder.lens).object) for q in states]
     return np.broadcast_to(np.stack(covered)[..., None], images[1:].shape)
 
 
