@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -41,7 +42,7 @@ MAX_PLAIN_POWER = 3  # largest power of ten that is written out
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Type, lines and vector text of a two-column paper, inside the block or the decorated function only."""
-    with mpl.rc_context(fname=STYLE_SHEET):
+    with style.context(STYLE_SHEET):
         yield
 
 
