@@ -157,7 +157,8 @@ class OperatingPoint:
     ) -> Float64[np.ndarray, " n"]:
         """Where the matter is at a state that is seen in a pixel at rest [px; in space, px at the pivot]."""
         at_rest, now = self.matter.carry(torch.stack([self.rest, torch.from_numpy(q)])).numpy()
-        seen = project_by_lens(at_rest, self.autoencoder.lens) if self.matter.space == 3 else at_rest
+        lens = self.autoencoder.lens
+        seen = at_rest if lens is None else project_by_lens(at_rest, lens)
         return now[int(np.linalg.norm(seen - np.array(pixel), axis=1).argmin())]
 
     def _answer(self, grasp: GraspPoint, forces: Float[Tensor, "B n"]) -> Float[Tensor, " B"]:

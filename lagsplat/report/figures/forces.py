@@ -350,7 +350,12 @@ def draw_force_map(image: Float[np.ndarray, "H W 3"], truth: Mapping[str, Any], 
             dots = axis.scatter(
                 x, y, c=values, s=26, vmin=0.0, vmax=most, cmap="viridis_r", edgecolors="k", linewidths=0.3
             )
-            below = {"orientation": "horizontal", "extend": "max", "shrink": 0.9, "aspect": 30}
+            below: dict[str, Any] = {
+                "orientation": "horizontal",
+                "extend": "max",
+                "shrink": 0.9,
+                "aspect": 30,
+            }
             figure.colorbar(dots, ax=axis, label=f"{unit}; median at each of {len(values)} points", **below)
             axis.set_title(what)
     return figure

@@ -12,7 +12,9 @@ END = b"</body>"
 def add_page_script(response: Response) -> Response:
     """Add ``page.js`` to an answer that is a page; other files stay as they are."""
     if "text/html" in response.headers.get("Content-Type", ""):
-        response.body = _insert(response.body, packed=response.headers.get("Content-Encoding") == "gzip")
+        response.body = _insert(
+            bytes(response.body), packed=response.headers.get("Content-Encoding") == "gzip"
+        )
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
     return response
