@@ -1,7 +1,5 @@
 """The object as it is seen at rest: matter, without ground of one colour that seems to move along with it."""
 
-from functools import partial
-
 import cv2
 import numpy as np
 import torch
@@ -38,8 +36,9 @@ def _cover(
     point: OperatingPoint, states: torch.Tensor, images: Float[np.ndarray, "n H W 3"]
 ) -> Bool[np.ndarray, "m H W 3"]:
     """Pixels that matter covers at each state, with a rim."""
-    find = partial(find_moving_parts, point.matter, height=point.height, width=point.width)
-    covered = [binary_dilation(find(q, lens=point.autoencoder.lens).object) for q in states]
+    height, width, lens = point.height, point.width, point.autoencoder.lens
+    scenes = (find_moving_parts(point.matter, q, height=height, width=width, lens=lens) for q in states)
+    covered = [binary_dilation(scene.object) for scene in scenes]
     return np.broadcast_to(np.stack(covered)[..., None], images[1:].shape)
 
 

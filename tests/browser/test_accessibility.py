@@ -6,14 +6,16 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.published_tables import list_published
 from lagsplat.report.common.printed_table import format_html
 from lagsplat.report.diagnosis.content import ReportContent
 from lagsplat.report.diagnosis.html import render_report
+from lagsplat.viewer.server.server import ViewerServer
 from lagsplat.viewer.static_page.build import save_page
-from tests.browser.chromium import browser, until
+from tests.browser.chromium import PATIENCE_S, browser, until
 from tests.browser.disc import disc
 from tests.browser.exported import DRAWN
 from tests.unit.report.diagnosis import made_content, made_diagnoses
@@ -63,6 +65,25 @@ def test_a_report_is_accessible(chromium, axe: str, tmp_path: Path, kind: str, d
     page = tmp_path / "report.html"
     page.write_text(render_report(KINDS[kind], content), encoding="utf-8")
     assert violations(chromium, page, axe, dark=dark) == []
+
+
+def test_the_live_view_is_accessible(chromium, axe: str, tmp_path: Path) -> None:
+    session, frame = (
+        disc("viewer.port=0", "viewer.pictures_hz=6", "viewer.side=48"),
+        np.zeros((24, 32, 3), np.uint8),
+    )
+    live = ViewerServer(session, title="Rocking disc", read_frame=lambda number: frame, folder=tmp_path)
+    context = chromium.new_context(bypass_csp=True)
+    try:
+        tab = context.new_page()
+        tab.set_default_timeout(1000 * PATIENCE_S)
+        tab.goto(live.url)
+        until(lambda: tab.locator("[role=slider][aria-label=Brush]").count(), "names of the controls")
+        tab.evaluate(axe)
+        assert tab.evaluate(RUN) == []
+    finally:
+        context.close()
+        live.stop()
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])

@@ -78,9 +78,8 @@ def _draw_trajectory(
         top = (0.5 * frames * dt_s, middle + 0.93 * ends)
         axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
         last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
-        axis.annotate(
-            "dashed: minimum of V", (last, middle + 0.93 * ends), ha="right", va="top", color=style.MARK
-        )
+        corner = (last, middle + 0.93 * ends)
+        axis.annotate("dashed: minimum of V", corner, ha="right", va="top", color=style.MARK)
 
 
 def _draw_phase_plane(

@@ -2,6 +2,15 @@
 const FIELDS = "input, textarea, select, [role=slider], [role=tab], [contenteditable]";
 const NARROW = 576; // pixels of a window in which viser lays its controls over the picture
 
+const LOOK = `
+:root[data-mantine-color-scheme="dark"] { --mantine-color-dimmed: #b9bec6 !important; }
+:root[data-mantine-color-scheme="light"] { --mantine-color-dimmed: #565d67 !important; }
+#heading { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); margin: 0; }
+@media (prefers-reduced-motion: reduce) { * { transition: none !important; animation: none !important; } }`;
+document.head.append(Object.assign(document.createElement("style"), { textContent: LOOK }));
+document.documentElement.lang = "en";
+document.body.insertAdjacentHTML("afterbegin", '<header><h1 id="heading">Push a model live</h1></header>');
+
 // Viser turns the camera with arrows, by their code. A key without one is a command only.
 for (const kind of ["keydown", "keyup"]) {
   window.addEventListener(kind, (event) => {
@@ -28,6 +37,7 @@ const ICONS = { "list-search": "Commands", adjustments: "Settings", maximize: "E
 /** Name what viser leaves without a name: sliders and numbers by their label, buttons by their icon. */
 function nameParts() {
   document.getElementById("root")?.setAttribute("role", "main");
+  document.title ||= "LaGSplat";
   for (const field of document.querySelectorAll("[role=slider], input")) {
     const row = field.closest(":has(label)");
     const name = row?.querySelector("label").textContent;
