@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from lagsplat.diagnose.data_quality.periodic_inputs import (
     wrap_shift,
 )
 from lagsplat.diagnose.diagnosis import DiagnosisRun, diagnose
-from lagsplat.diagnose.effects.base import InputEffect, SampleEffect
+from lagsplat.diagnose.effects.base import Component, InputEffect, SampleEffect
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.estimation.dataset import sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
@@ -31,7 +31,7 @@ from lagsplat.diagnose.inference.recalibration import (
     choose_null_windows,
     separate_own_error,
 )
-from lagsplat.diagnose.residual.components import compute_residual_correlations
+from lagsplat.diagnose.residual.correlations import compute_residual_correlations
 from lagsplat.diagnose.residual.error_budget import ErrorStage, PerceptionQuality, measure_error_stages
 from lagsplat.diagnose.residual.latent_force import estimate_latent_force
 from lagsplat.diagnose.residual.localization import ResidualLocation, locate
@@ -157,7 +157,7 @@ def _locate(
     """Where the gap lies; None where the sim's forces are not finite along the real motion.
 
     The level is that of the verdict's leading effect, without one the likeliest, and perception where images
-    are ``suspect``. With a verdict, named components get its probability, and the residual shares the rest.
+    are ``suspect``.
     """
     period_s, hold = run.diagnosis.checks["natural_period_s"], config.input_hold
     try:
@@ -166,15 +166,9 @@ def _locate(
     except np.linalg.LinAlgError:
         return None
     level = "perception" if suspect else find_likeliest_level(run.diagnosis.candidates)
-    chosen = [effect.effect for effect in run.chosen.effects]
-    if not run.diagnosis.combination or not chosen:
-        return replace(where, level=level)
-    probability = run.diagnosis.candidates[0].probability
-    named = [effect.component for effect in chosen if effect.component is not None]
-    shares = {name: (1.0 - probability if named else 1.0) * share for name, share in where.components.items()}
-    for name in named:
-        shares[name] = shares.get(name, 0.0) + probability / len(named)
-    return replace(where, level=chosen[0].level, components=shares)
+    if run.diagnosis.combination and run.chosen.effects:
+        level = run.chosen.effects[0].effect.level
+    return replace(where, level=level, components=share_components(run.diagnosis.candidates))
 
 
 def find_likeliest_level(candidates: Sequence[Candidate]) -> str:
@@ -184,6 +178,21 @@ def find_likeliest_level(candidates: Sequence[Candidate]) -> str:
         if (effect := catalogue().get(candidate.name)) is not None:
             chances[effect.level] = chances.get(effect.level, 0.0) + candidate.probability
     return max(chances, key=lambda level: chances[level])
+
+
+def share_components(candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Share the probability of a cause among the kinds of term that effects change.
+
+    "unexplained" is the share of an unknown cause; what is left is of sensors and clocks.
+    """
+    shares = dict.fromkeys((*get_args(Component), "unexplained"), 0.0)
+    for candidate in candidates:
+        effect = catalogue().get(candidate.name)
+        component = "unexplained" if candidate.name == "unknown" else effect and effect.component
+        if component:
+            shares[component] += candidate.probability
+    caused = 1.0 - sum(candidate.probability for candidate in candidates if candidate.name == "none")
+    return {name: share / caused if caused > 0.0 else 0.0 for name, share in shares.items()}
 
 
 def wrap_time_shifts(diagnosis: Diagnosis, real: Sequence[Trajectory]) -> Diagnosis:

@@ -99,7 +99,8 @@ def test_a_frictionless_sim_lacks_friction(files: tuple[str, str], tmp_path: Pat
     assert named.closure is not None
     assert named.closure.value == pytest.approx(1.0, abs=0.15)
     assert found.where is not None
-    assert found.where.components["dissipative"] > 0.6
+    kinds = {name: share for name, share in found.where.components.items() if name != "unexplained"}
+    assert max(kinds, key=lambda name: kinds[name]) == "dissipative"
     assert found.gap is not None
     assert 0.005 < found.gap.before < 0.05
     assert found.gap.after < 0.3 * found.gap.before

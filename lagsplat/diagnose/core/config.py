@@ -267,15 +267,10 @@ class ERROR_BUDGET:
     max_step_share: float = 0.02  # step of the forecast's integrator, as a share of the horizon, at most [1]
 
 
-class RESIDUAL_REGRESSION:
-    """Features, and the regressions of the residual on groups of them. Commit 09186ef."""
+class RESIDUAL_CORRELATION:
+    """Correlations of the residual, and the blocks that are independent. Commit 09186ef."""
 
-    lags_periods: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0)  # lags of memory features [natural periods]
-    reversal_rate_share: float = 0.05  # rate, as a share of its rms [1], below which the motion reverses
-    block_periods: float = 0.75  # length of a block of the cross-validation [natural periods]
-    folds: int = 5  # folds of the cross-validation [count]
-    max_samples: int = 800  # samples of a linear regression, at most [count]
-    ridges: tuple[float, ...] = (1e-5, 1e-3, 1e-1)  # ridge penalties tried by cross-validation [1]
+    block_periods: float = 0.75  # length of a block [natural periods]
     correlation_z: float = 1.96  # correlation, in standard deviations [1]: the normal quantile of 0.975
 
 

@@ -10,7 +10,7 @@ from ruptures import KernelCPD
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2, false_discovery_control
 
-from lagsplat.diagnose.core.config import CHANGE_POINTS, RESIDUAL_REGRESSION
+from lagsplat.diagnose.core.config import CHANGE_POINTS, RESIDUAL_CORRELATION
 from lagsplat.diagnose.residual.latent_force import (
     LatentForceEstimate,
     compute_relative_squares,
@@ -71,11 +71,11 @@ def compute_sample_weights(estimate: LatentForceEstimate) -> Float64[np.ndarray,
 
 
 def number_blocks(estimates: Sequence[LatentForceEstimate], period_s: float) -> Int64[np.ndarray, " n"]:
-    """Number of each sample's block of `RESIDUAL_REGRESSION.block_periods`, which lies within one motion."""
+    """Number of each sample's block of `RESIDUAL_CORRELATION.block_periods`, which lies within one motion."""
     numbers, first = [], 0
     for estimate in estimates:
         elapsed = np.cumsum(compute_sample_weights(estimate))
-        blocks = (elapsed / (RESIDUAL_REGRESSION.block_periods * period_s)).astype(np.int64)
+        blocks = (elapsed / (RESIDUAL_CORRELATION.block_periods * period_s)).astype(np.int64)
         numbers.append(first + blocks)
         first += int(blocks[-1]) + 1
     return np.concatenate(numbers)

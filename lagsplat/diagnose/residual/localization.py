@@ -1,15 +1,11 @@
 """Where the gap between a simulator and a recording lies: `locate` collects what the room finds."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
-
-import numpy as np
 
 from lagsplat.diagnose.mechanics.model import MechanicalModel
 from lagsplat.diagnose.residual.change_points import find_events
-from lagsplat.diagnose.residual.components import compute_components
-from lagsplat.diagnose.residual.features import compute_features
 from lagsplat.diagnose.residual.latent_force import (
     LatentForceEstimate,
     compute_coordinate_shares,
@@ -28,11 +24,11 @@ class ResidualLocation:
     time_s: tuple[tuple[str, float, float, float], ...]  # events: file, start [s], end [s], share
     frequency_hz: tuple[tuple[float, float, float], ...]  # bands: low [Hz], high [Hz], share
     state_region: dict[str, Any]  # by coordinate, the boxes in which the residual keeps its sign
-    components: dict[str, float]  # share by kind of term, with "unexplained"
     evidence: dict[str, float]  # nats by which each coordinate's residual force makes the recording likelier
     smoothed: tuple[LatentForceEstimate, ...]
     spectrum: ResidualSpectrum | None  # None where clips are short
     maps: tuple[StateMap, ...]
+    components: Mapping[str, float] = field(default_factory=dict)  # of `share_components`
     level: str = "dynamics"  # of the likeliest cause; or "perception", "chart", "actuation"
     image_region: dict[str, Any] | None = None  # as of `describe_image_region`; None without images
 
@@ -56,10 +52,7 @@ def locate(
     estimates = estimate_latent_force(mechanics, motions, period_s=period_s, hold=hold)
     coordinate_share = compute_coordinate_shares(estimates)
     spectrum = compute_spectrum(estimates, period_s=period_s)
-    lines_hz = _find_undriven_lines(spectrum, motions[0].n_u) if spectrum is not None else []
-    features = compute_features(mechanics, estimates, period_s=period_s, lines_hz=lines_hz)
     events = find_events(estimates, period_s=period_s)
-    shares = compute_components(features, coordinate_share)
     regions, maps = find_state_regions(estimates, period_s=period_s)
     names = motions[0].q_names
     return ResidualLocation(
@@ -67,23 +60,11 @@ def locate(
         time_s=tuple((motions[e.motion].source, e.start_s, e.end_s, e.share) for e in events),
         frequency_hz=() if spectrum is None else spectrum.bands,
         state_region=_describe_regions(regions, names),
-        components=shares,
         evidence=dict(zip(names, estimates[0].evidence.tolist(), strict=True)),
         smoothed=tuple(estimates),
         spectrum=spectrum,
         maps=tuple(maps),
     )
-
-
-def _find_undriven_lines(spectrum: ResidualSpectrum, n_u: int) -> list[float]:
-    """Frequencies of the clearest lines that no input drives."""
-    undriven = []
-    for line in spectrum.lines:
-        at = int(np.argmin(np.abs(spectrum.frequency_hz - line.frequency_hz)))
-        driven = np.max(spectrum.coherence[at, line.coordinate, :n_u], initial=0.0)
-        if driven < spectrum.significant:
-            undriven.append(line.frequency_hz)
-    return undriven[:3]
 
 
 def _describe_regions(regions: Sequence[StateRegion], names: Sequence[str]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from lagsplat.diagnose.data_quality.natural_period import estimate_spectral_peri
 from lagsplat.diagnose.estimation.dataset import prepare_dataset, sample_operating_region
 from lagsplat.diagnose.identification.estimated_simulator import EstimatedSimulator
 from lagsplat.diagnose.mechanics.structure import COEFFICIENT_FIELDS, flatten_coefficients
-from lagsplat.diagnose.residual.features import differentiate_clips
+from lagsplat.diagnose.residual.correlations import differentiate_clips
 from lagsplat.diagnose.residual.latent_force import SmoothedMotion, smooth_motions
 from lagsplat.diagnose.simulators.chain_dynamics import (
     ChainForces,

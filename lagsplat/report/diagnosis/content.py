@@ -18,7 +18,7 @@ from jaxtyping import Float64, UInt8
 from lagsplat.diagnose.core.result import LEVELS, Block, Diagnosis, Gap, Interval
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
-from lagsplat.diagnose.residual.components import ResidualCorrelations
+from lagsplat.diagnose.residual.correlations import ResidualCorrelations
 from lagsplat.io.files.atomic import replace_atomically
 from lagsplat.report.common.formatting import format_interval, format_number
 

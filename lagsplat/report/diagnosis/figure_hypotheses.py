@@ -31,7 +31,7 @@ TERM_TITLES = {
     "actuation": "actuation (inputs)",
     "exogenous": "exogenous (from outside)",
     "memory": "memory (of the past)",
-    "unexplained": "unexplained",
+    "unexplained": "unknown",
 }
 
 
@@ -220,7 +220,7 @@ def _draw_profile(axis: Any, diagnosis: Diagnosis, profile: ProfileLikelihood) -
 
 @style.paper_style()
 def draw_components(diagnosis: Diagnosis) -> Figure | None:
-    """Draw the share of the residual that each kind of term explains; None where not computed."""
+    """Draw the probability of a cause by the kind of term that it changes; None where not computed."""
     shares = read_location(diagnosis).get("components")
     if not shares:
         return None
@@ -233,7 +233,7 @@ def draw_components(diagnosis: Diagnosis) -> Figure | None:
         _draw_bar(axis, row, share, chosen=name == largest, other=name == "unexplained")
         style.annotate(axis, format_percent(share), (max(share, 0.0), row), (3, 0), va="center")
     axis.set_yticks(range(len(names)), [TERM_TITLES[name] for name in names])
-    axis.set(ylim=(len(names) - 0.4, -0.6), xlim=(0.0, 1.1), xlabel="share of the residual's square")
+    axis.set(ylim=(len(names) - 0.4, -0.6), xlim=(0.0, 1.1), xlabel="probability, given a cause")
     axis.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25 %", "50 %", "75 %", "100 %"])
     return figure
 

@@ -47,7 +47,8 @@ CAPTIONS = {
     ),
     "components": (
         "What kind of term",
-        "Share of the residual that each kind of term predicts on blocks left out.",
+        "Probability that the cause changes each kind of term, given that there is one; the rest is of "
+        "sensors and clocks.",
     ),
     "state": (
         "At which positions and velocities",

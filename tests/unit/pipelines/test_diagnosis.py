@@ -13,7 +13,12 @@ from lagsplat.diagnose.core.result import Candidate
 from lagsplat.diagnose.data_quality.checks import check_data
 from lagsplat.diagnose.simulators.python_model import load_python
 from lagsplat.io.trajectory.trajectory import read_trajectory_file
-from lagsplat.pipelines.diagnosis import diagnose_files, find_likeliest_level, require_writable
+from lagsplat.pipelines.diagnosis import (
+    diagnose_files,
+    find_likeliest_level,
+    require_writable,
+    share_components,
+)
 
 HEADER = "t,q0,u0"
 
@@ -190,3 +195,12 @@ def test_the_level_is_that_of_the_likeliest_causes_together() -> None:
     assert find_likeliest_level([Candidate(name, chance) for name, chance in found]) == "actuation"
     assert find_likeliest_level([Candidate("frame_drops", 0.4), Candidate("none", 0.6)]) == "perception"
     assert find_likeliest_level([Candidate("none", 1.0)]) == "dynamics"
+
+
+def test_kinds_of_terms_share_the_probability_of_a_cause() -> None:
+    found = [("none", 0.2), ("unknown", 0.2), ("coulomb_friction", 0.3), ("viscous_damping", 0.1)]
+    found += [("input_lag", 0.1), ("frame_drops", 0.1)]
+    shares = share_components([Candidate(name, chance) for name, chance in found])
+    known = {name: share for name, share in shares.items() if share}
+    assert known == pytest.approx({"dissipative": 0.5, "actuation": 0.125, "unexplained": 0.25})
+    assert not any(share_components([Candidate("none", 1.0)]).values())

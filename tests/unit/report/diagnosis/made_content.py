@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagsplat.diagnose.inference.profile_likelihood import ProfileLikelihood, Separability
-from lagsplat.diagnose.residual.components import ResidualCorrelations
+from lagsplat.diagnose.residual.correlations import ResidualCorrelations
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison
 
 
