@@ -77,7 +77,7 @@ def test_the_error_of_a_path_is_the_share_that_it_is_short(factor: float) -> Non
     assert numbers["shape"] < 1e-3
     assert paths.found_jacobian == pytest.approx(factor * paths.jacobian, abs=1e-3)
     figure = draw_matter(plate(factor), np.full((24, 32, 3), 0.5), paths, title="A plate")
-    assert figure.axes[0].get_title() == "rigid, 120 px"
+    assert figure.axes[0].get_title() == "bodies: rigid, 120 px"
     assert "held-out paths" in figure.axes[2].get_title()
 
 
