@@ -103,10 +103,9 @@ def _write_place(diagnosis: Diagnosis) -> str:
     text, components = PLACES[location["level"]], location.get("components") or {}
     if main is not None and len(location.get("coordinates") or {}) > 1:
         text += f", mostly {main}"
-    kinds = {name: share for name, share in components.items() if name in ACTS_LIKE}
-    if location["level"] == "dynamics" and kinds:
-        best = max(kinds, key=lambda name: kinds[name])
-        text += f"; most like {ACTS_LIKE[best]} ({format_percent(kinds[best])})"
+    best = max(components, key=lambda name: components[name], default="unexplained")
+    if location["level"] == "dynamics" and best in ACTS_LIKE:
+        text += f"; most like {ACTS_LIKE[best]} ({format_percent(components[best])})"
     return text
 
 

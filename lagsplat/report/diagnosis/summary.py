@@ -269,9 +269,9 @@ def _describe_place(diagnosis: Diagnosis) -> str:
     shares, main = location.get("coordinates") or {}, find_main_coordinate(diagnosis)
     if main is not None and len(shares) > 1:
         text += f", mostly in {main} ({format_percent(shares[main])})"
-    components = {k: v for k, v in (location.get("components") or {}).items() if k in ACTS_LIKE}
-    if level == "dynamics" and components and max(components.values()) >= 0.4:
-        best = max(components, key=lambda name: components[name])
+    components = location.get("components") or {}
+    best = max(components, key=lambda name: components[name], default="unexplained")
+    if level == "dynamics" and best in ACTS_LIKE:
         text += f", and acts like {ACTS_LIKE[best]} ({format_percent(components[best])})"
     for file, start_s, end_s, share in (location.get("time_s") or ())[:1]:
         if share >= MIN_EVENT_SHARE and end_s - start_s < diagnosis.checks.get("natural_period_s", 0.0):
