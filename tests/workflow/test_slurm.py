@@ -127,7 +127,7 @@ def test_the_toy_profile_runs_on_a_cluster(undisturbed: Run) -> None:
         "figures",
         "tables",
     }
-    assert names["scores"] == 1, "both jobs of this group share a submission"
+    assert names["scores"] == 1, "the jobs of this group share a submission"
 
 
 def test_preempted_requeued_and_killed_jobs_give_the_same_bits(undisturbed: Run, tmp_path: Path) -> None:
