@@ -25,7 +25,7 @@ from lagsplat.io.config import LerobotConfig
 from lagsplat.io.lerobot.recording import read_lerobot
 from lagsplat.io.lerobot.survey import survey_lerobot
 from lagsplat.io.lerobot.trajectory import read_lerobot_trajectory
-from lagsplat.report.inspection_datasets import describe_lerobot
+from lagsplat.report.inspection.dataset import describe_lerobot
 from lagsplat.video_quality.frames import FrameSettings
 
 WIDTH, HEIGHT, RATE = 640, 480, 30
