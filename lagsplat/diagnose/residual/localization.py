@@ -1,4 +1,4 @@
-"""Where the gap between a simulator and a recording lies: `locate` collects what the room finds."""
+"""Where the gap between a simulator and a recording lies: in which coordinates, when, and at which states."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -28,7 +28,7 @@ class ResidualLocation:
     smoothed: tuple[LatentForceEstimate, ...]
     spectrum: ResidualSpectrum | None  # None where clips are short
     maps: tuple[StateMap, ...]
-    components: Mapping[str, float] = field(default_factory=dict)  # of `share_components`
+    components: Mapping[str, float] = field(default_factory=dict)  # probability of a cause by kind of term
     level: str = "dynamics"  # of the likeliest cause; or "perception", "chart", "actuation"
     image_region: dict[str, Any] | None = None  # as of `describe_image_region`; None without images
 

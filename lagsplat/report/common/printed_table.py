@@ -338,7 +338,8 @@ def _cell_markdown(cell: Cell) -> str:
 
 
 def _join_markdown(texts: Iterable[str]) -> str:
-    return f"| {' | '.join(text.replace('|', chr(92) + '|') for text in texts)} |"
+    cells = (text.replace("|", r"\|") for text in texts)
+    return f"| {' | '.join(cells)} |"
 
 
 def format_html(tables: Sequence[PrintedTable]) -> str:
