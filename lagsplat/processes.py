@@ -12,6 +12,7 @@ import os
 import queue
 import select
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -52,6 +53,30 @@ def end_with_driver() -> None:
 def ends_with_this_process() -> dict[str, Any]:
     """Arguments for `subprocess` with which a child is killed when the thread that starts it ends."""
     return {"preexec_fn": partial(_end_with_parent, os.getpid())} if sys.platform == "linux" else {}
+
+
+def run_reader(program: str, *words: str, timeout_s: float | None = None) -> bytes:
+    """Run a program that reads a file, which a damaged one may crash or stop, in a process of its own.
+
+    Args:
+        program: text of the Python program. No file of the working directory is taken for a module.
+        words: its arguments.
+        timeout_s: longest duration [s].
+
+    Returns:
+        What it writes.
+
+    Raises:
+        ChildProcessError: it fails; ``errno`` is its exit status, ``strerror`` the last line of its errors.
+        TimeoutExpired: it takes longer.
+    """
+    command = [sys.executable, "-P", "-c", program, *words]
+    options = {"capture_output": True, "timeout": timeout_s, "check": False, **ends_with_this_process()}
+    done: subprocess.CompletedProcess[bytes] = subprocess.run(command, **options)
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise ChildProcessError(done.returncode, told)
+    return done.stdout
 
 
 @contextlib.contextmanager

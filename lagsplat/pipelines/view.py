@@ -61,9 +61,7 @@ def view(
     set_threads(CORES)
     run = open_run(folder)
     session = pushable(run, experiment)
-    if replay is None:
-        session.begin_in_motion()
-    else:
+    if replay is not None:
         session.replay(load_history(Path(replay)))
     title = title_of(folder)
     server = ViewerServer(

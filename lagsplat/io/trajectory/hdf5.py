@@ -5,7 +5,6 @@ Only numbers inside the file are read. Links are not followed, so that no other 
 
 import json
 import subprocess
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +17,7 @@ import numpy as np
 from lagsplat.io.files.optional_package import require_package
 from lagsplat.io.trajectory.columns import SEGMENT, TIME, Table, propose_names
 from lagsplat.io.trajectory.timing import lay_out_clocks
-from lagsplat.processes import ends_with_this_process
+from lagsplat.processes import run_reader
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 DEMOS, ACTIONS, SETTINGS, RATE = "data", "actions", "env_args", "control_freq"
@@ -272,18 +271,14 @@ def _read_text(path: Path, group: str, name: str) -> str:
     Raises:
         OSError: the library does not come back, or finds the damage.
     """
-    # With -P no program that lies in the working directory is taken for a module.
-    words = [sys.executable, "-P", "-c", READ_TEXT, str(path), group, name, str(MOST_S)]
     try:
-        done = subprocess.run(
-            words, capture_output=True, timeout=PATIENCE_S, check=False, **ends_with_this_process()
-        )
+        text = run_reader(READ_TEXT, str(path), group, name, str(MOST_S), timeout_s=PATIENCE_S)
     except subprocess.TimeoutExpired:
         raise OSError(f"the attribute {name} of {group} cannot be read in {PATIENCE_S} s") from None
-    if done.returncode:
-        told = done.stderr.decode(errors="replace").strip() or f"no answer within {MOST_S} s"
-        raise OSError(f"the attribute {name} of {group} cannot be read: {told.splitlines()[-1]}")
-    return done.stdout.decode(errors="replace")
+    except ChildProcessError as error:
+        told = error.strerror or f"no answer within {MOST_S} s"
+        raise OSError(f"the attribute {name} of {group} cannot be read: {told}") from None
+    return text.decode(errors="replace")
 
 
 def _read_rate(path: Path, file: Any, demo: str) -> float:

@@ -2,8 +2,6 @@
 
 import io
 import json
-import subprocess
-import sys
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -17,6 +15,7 @@ from lagsplat.io.trajectory.columns import TIME, Table, list_arrays, refuse_twin
 from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES, read_hdf5
 from lagsplat.io.trajectory.sysid_series import read_series
 from lagsplat.io.trajectory.text import read_text
+from lagsplat.processes import run_reader
 
 NPZ_DAMAGE = (
     *(OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TokenError),
@@ -116,17 +115,14 @@ sys.stdout.buffer.write(buffer.getvalue())
 
 def _load_matlab(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     """The numeric arrays of a MATLAB file, and the names of all that it holds."""
-    # In a process of its own: SciPy's compiled reader may crash on a damaged file. With -P no program in the
-    # working directory is taken for a module.
-    command = [sys.executable, "-P", "-c", READ_MATLAB, str(path)]
-    done = subprocess.run(command, capture_output=True, check=False)
-    if done.returncode:
-        told = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    try:
+        content = run_reader(READ_MATLAB, str(path))  # SciPy's compiled reader may crash on a damaged file
+    except ChildProcessError as error:
+        told = error.strerror or f"its reader ends with {error.errno}"
         if "NotImplementedError" in told:
-            raise ValueError(f"{path}: MATLAB 7.3 is not read; save it with -v7, or as CSV")
-        reason = told or f"its reader ends with {done.returncode}"
-        raise ValueError(f"{path}: damaged or not a MATLAB file ({reason}); save it with -v7")
-    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as archive:
+            raise ValueError(f"{path}: MATLAB 7.3 is not read; save it with -v7, or as CSV") from None
+        raise ValueError(f"{path}: damaged or not a MATLAB file ({told}); save it with -v7") from None
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         names = json.loads(str(archive["names"]))
         numeric = [name for name, is_numeric in names if is_numeric]
         return {name: archive[f"arr_{i}"] for i, name in enumerate(numeric)}, [name for name, _ in names]
