@@ -23,9 +23,9 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     With several runs ``low`` and ``high`` are the extremes over all runs; with a single run they are its
     interval over windows. ``spread`` says which. A score that some runs lack is the median of the others,
     and ``n`` counts these. Diverged rollouts are summed, not averaged. ``windows`` counts the windows of half
-    a second that do not overlap, ``long_windows`` those of two periods. ``training`` holds steps and frames of
-    the first run and the mean wall time, None where unknown. Seeds of one fit may end with a linear law or
-    with another: ``dynamics`` then names both.
+    a second that do not overlap, ``long_windows`` those of two periods. ``training`` holds steps and frames
+    of the first run and the mean wall time, None where unknown. Seeds of one fit may end with a linear law
+    or with another: ``dynamics`` then names both.
 
     Raises:
         ValueError: no run, or runs of different recordings or latent dimensions.
