@@ -159,7 +159,7 @@ def test_every_model_is_followed_past_its_training_frames(results: Path) -> None
     with (results / "results/tables/extrapolation.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     models = {row["model"] for row in rows}
-    assert {"LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"} == models
+    assert {"LaGSplat", "key-point forecaster (re-implementation)", "Hamiltonian ODE"} == models
     ours = {row["measure"]: row for row in rows if row["model"] == "LaGSplat"}
     assert 10.0 < float(ours["psnr_mean"]["value"]) <= float(ours["floor"]["value"]) + 3.0
     found = json.loads((results / THERE / "default-0/default-0/extrapolation/run.json").read_text("utf-8"))
