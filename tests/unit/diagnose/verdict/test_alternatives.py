@@ -168,3 +168,11 @@ def test_where_nothing_can_be_held_out_errors_are_those_of_the_fits() -> None:
         assert m.floor == pytest.approx(noise / np.std(short.q) * np.sqrt(made.nominal))
         assert m.error / m.floor == pytest.approx(np.sqrt(m.misfit / made.nominal))
         assert m.gain_z == 0.0  # of a single block
+
+
+def test_fewer_independent_samples_are_less_evidence_in_proportion(searched: EffectSearch) -> None:
+    budget = searched.budget
+    fewer = replace(searched, budget=replace(budget, correlation=4.0 * budget.effective_sample_ratio))
+    whole, fourth = (measure(found)["quadratic_drag",].log_evidence for found in (searched, fewer))
+    # the level of the noise, which chance widens, is another as well
+    assert whole / 5.0 < fourth < whole / 2.5
