@@ -12,6 +12,7 @@ from asyncio import sleep
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 
@@ -29,6 +30,7 @@ TOKEN_BYTES = 18
 MOST_VISITORS = 16  # open sockets at once
 SOCKETS_HZ, SOCKETS_AT_ONCE = 5.0, 20.0  # new ones
 MESSAGES_HZ, MESSAGES_AT_ONCE = 240.0, 480.0  # of one visitor; a page sends a drag and a camera a picture
+BEHIND_S = 0.01  # between two looks whether the simulation is behind [s]
 LIMITS = {
     "open_timeout": 5.0,  # for the whole handshake [s]
     # A visitor who is silent, or so slow that a ping waits behind other data, is dropped.
@@ -76,16 +78,21 @@ class Allowance:
 
 
 class VisitorConnection(ServerConnection):
-    """A socket from which messages are read no faster than a page sends them; the sender waits."""
+    """A socket from which messages are read no faster than a page sends them; the sender waits.
 
-    def __init__(self, *words: Any, **settings: Any) -> None:
+    Nor are they read faster than the simulation, which ``is_behind`` asks, takes what all visitors send.
+    """
+
+    def __init__(self, is_behind: Callable[[], bool], *words: Any, **settings: Any) -> None:
         super().__init__(*words, **settings)
-        self.allowance = Allowance(MESSAGES_HZ, MESSAGES_AT_ONCE)
+        self.is_behind, self.allowance = is_behind, Allowance(MESSAGES_HZ, MESSAGES_AT_ONCE)
 
     async def recv(self, decode: bool | None = None) -> Data:  # type: ignore[override]
         """The next message, as `ServerConnection.recv`, once there is an allowance for it."""
         message = await super().recv(decode)
         await sleep(self.allowance.take())
+        while self.is_behind():
+            await sleep(BEHIND_S)
         return message
 
 
@@ -93,10 +100,12 @@ class VisitorConnection(ServerConnection):
 class Gate:
     """Lets in who knows the token, from a page of this server or from none, while there is room.
 
-    ``loopback_only`` is true for a server that listens on loopback.
+    ``loopback_only`` is true for a server that listens on loopback. ``is_behind`` tells whether messages have
+    to wait.
     """
 
     loopback_only: bool
+    is_behind: Callable[[], bool] = lambda: False
     token: str = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES))
     sockets: Allowance = field(default_factory=lambda: Allowance(SOCKETS_HZ, SOCKETS_AT_ONCE))
 
@@ -147,7 +156,8 @@ def guard_sockets(gate: Gate) -> Iterator[None]:
                     response.headers[name] = value
             return response
 
-        settings |= {**LIMITS, "process_request": answer, "create_connection": VisitorConnection}
+        connection = partial(VisitorConnection, lambda: gate.is_behind())
+        settings |= {**LIMITS, "process_request": answer, "create_connection": connection}
         return serve(handler, *address, **settings)
 
     websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]

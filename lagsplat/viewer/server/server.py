@@ -62,6 +62,7 @@ class ViewerServer:
         canvas = open_canvas(self.server, operating_point, self.renderer, window=config.window)
         self.scene_view = SceneView(session, canvas, read_frame=read_frame, residual=residual)
         self.loop = RealtimeLoop(session, self._draw, self._refuse)
+        self.gate.is_behind = self.loop.is_behind
         actions = {"Save the session": self._save, "Replay what I did": self._replay}
         self.panel = ControlPanel(self.loop, self.scene_view, title=title, actions=actions)
         self.holder_id: int | None = None

@@ -48,6 +48,7 @@ class StepClock:
 IDLE_S = 0.25  # longest wait for a command or a snapshot [s]
 RATE_S = 1.0  # window over which the rates are counted [s]
 LOGGED = 4096  # latest counts that are kept, more than come within that window
+MOST_WAITING = 32  # commands; whoever sends more has to wait
 log = logging.getLogger(__name__)
 Command = Callable[[Session], Any]
 
@@ -91,6 +92,10 @@ class RealtimeLoop:
         """Queue ``command``, which is called with the session between two steps; from any thread."""
         self.commands.put(command)
 
+    def is_behind(self) -> bool:
+        """Whether so many commands wait that no more should be submitted now."""
+        return self.commands.qsize() >= MOST_WAITING
+
     def rates(self) -> tuple[float, float]:
         """Steps and frames of the last second."""
         since = time.perf_counter() - RATE_S
@@ -122,13 +127,18 @@ class RealtimeLoop:
             self.session.stop()
 
     def _run_commands(self, wait_s: float) -> bool:
-        """Execute the queued commands after waiting for a first one; return whether there was any."""
-        timeout, ran = max(0.0, wait_s), False
+        """Execute queued commands after waiting for a first one; return whether there was any.
+
+        They get the time of a picture and the rest of their turn later, or a flood of them would stop the
+        steps and the pictures.
+        """
+        timeout, end_s = max(0.0, wait_s), None
         with contextlib.suppress(queue.Empty):
-            while True:
-                self._run_command(self.commands.get(timeout=timeout))
-                timeout, ran = 0.0, True
-        return ran
+            while end_s is None or time.perf_counter() < end_s:
+                command = self.commands.get(timeout=timeout)
+                timeout, end_s = 0.0, end_s or time.perf_counter() + self.period_s
+                self._run_command(command)
+        return end_s is not None
 
     def _run_command(self, command: Command) -> None:
         try:

@@ -3,6 +3,7 @@
 import http.client
 import logging
 import socket
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from websockets.sync.client import connect
 from lagsplat.viewer.server import handshake
 from lagsplat.viewer.server.handshake import MOST_VISITORS, Allowance, Gate, guard_sockets
 from lagsplat.viewer.server.server import ViewerServer
+from lagsplat.viewer.simulation.realtime_loop import MOST_WAITING
 from tests.unit.forces.rocking import rocking
 from tests.unit.viewer.sessions import session
 from tests.unit.viewer.visitors import PROTOCOL, camera, dragged, send, visit
@@ -186,6 +188,38 @@ def test_a_flood_of_drags_is_slowed_and_others_are_not(live, monkeypatch: pytest
             assert 20 <= first <= 20 + 50.0 * passed_s + 1, "none of them is lost, but they wait"
     finally:
         sockets.unregister_handler(messages.SceneNodeDragMessage, count)
+
+
+def test_messages_wait_while_the_simulation_is_behind(live, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[object] = []
+
+    def keep(client: int, message: object) -> None:
+        heard.append(message)
+
+    assert until(lambda: visitors_of(live) == 0), "visitors of other tests have sent what they had"
+    sockets = live.server._websock_server
+    sockets.register_handler(messages.SceneNodeDragMessage, keep)
+    try:
+        with monkeypatch.context() as patched, visit(live) as client:
+            patched.setattr(live.gate, "is_behind", lambda: True)
+            send(client, camera(), *[dragged("update", (0, 0, 0), (1, 0, 0))] * 5)
+            time.sleep(0.5)
+            assert heard == []
+            patched.undo()
+            assert until(lambda: len(heard) == 5), "they have waited, and none is lost"
+    finally:
+        sockets.unregister_handler(messages.SceneNodeDragMessage, keep)
+
+
+def test_what_waits_is_what_the_simulation_has_not_taken(live) -> None:
+    assert not live.gate.is_behind()
+    going_on = threading.Event()
+    live.loop.submit(lambda s: going_on.wait(PATIENCE_S))
+    for _ in range(MOST_WAITING + 1):
+        live.loop.submit(lambda s: None)
+    assert live.gate.is_behind()
+    going_on.set()
+    assert until(lambda: not live.gate.is_behind())
 
 
 @pytest.fixture

@@ -106,3 +106,22 @@ def test_a_paused_session_still_executes_commands():
     time.sleep(0.2)
     assert one.steps == steps + 1
     loop.stop()
+
+
+def test_a_flood_of_commands_stops_neither_steps_nor_pictures_and_is_told():
+    shown: list[object] = []
+    one = session()
+    loop = RealtimeLoop(one, shown.append, lambda text: None)
+    assert not loop.is_behind()
+    for _ in range(4000):
+        loop.submit(lambda s: time.sleep(2e-3))
+    assert loop.is_behind()
+    loop.start()
+    end = time.monotonic() + 20.0
+    while (one.steps < 5 or len(shown) < 5) and time.monotonic() < end:
+        time.sleep(0.01)
+    waiting = loop.commands.qsize()
+    loop.stop()
+    assert one.steps >= 5
+    assert len(shown) >= 5
+    assert waiting > 1000, "steps and pictures came in between, not after the last command"
