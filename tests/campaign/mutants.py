@@ -59,14 +59,18 @@ GROUPS = {
         ],
     ),
     "verdict": (
-        ["lagsplat/diagnose/diagnosis.py"]
-        + [f"lagsplat/diagnose/verdict/{name}.py" for name in ("alternatives", "choice_model", "features")]
-        + ["lagsplat/diagnose/verdict/judgement.py"],
         [
-            *(
-                f"tests/unit/diagnose/verdict/test_{name}.py"
-                for name in ("features", "judgement", "choice_model", "alternatives", "recurrence")
-            ),
+            f"lagsplat/diagnose/verdict/{name}.py"
+            for name in ("alternatives", "choice_model", "features", "judgement")
+        ],
+        [
+            f"tests/unit/diagnose/verdict/test_{name}.py"
+            for name in ("features", "judgement", "choice_model", "alternatives")
+        ],
+    ),
+    "diagnosis": (
+        ["lagsplat/diagnose/diagnosis.py"],
+        [
             "tests/unit/diagnose/test_materiality.py",
             "tests/unit/diagnose/inference/test_null_evidence.py",
             "tests/unit/diagnose/inference/test_recalibration.py",
