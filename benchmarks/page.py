@@ -1,9 +1,10 @@
 """How soon an exported page shows its first picture, and how many pictures a second it draws in software.
 
-Run as ``nice -n -19 python -m benchmarks.page PAGE.html ...``, which needs Debian's ``chromium`` and ``firefox-esr``. Each
-browser opens each page `TURNS` times without a screen, each time with a new profile. The page reports its own clock:
-the time from the start of the navigation to its first picture, read back so that it is complete, and the pictures of
-`SECONDS` that follow, `SIDE` pixels along their longer side, in a window of 1440 x 900. Browsers draw at most 60 a second.
+Run as ``nice -n -19 python -m benchmarks.page PAGE.html ...``, with Debian's ``chromium``, ``firefox-esr``
+and ``xvfb``. Each browser opens each page `TURNS` times, with a new profile each time. The page reports by
+its own clock: the time from the start of the navigation to its first picture, read back so that it is
+complete, and the pictures of `SECONDS`, `SIDE` pixels along their longer side, in a window of 1440 x 900.
+Browsers draw at most 60 a second.
 """
 
 import json
@@ -49,8 +50,9 @@ requestAnimationFrame(function wait() {
       const debug = splats.gl.getExtension("WEBGL_debug_renderer_info");
       const drawn = splats.gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : splats.gl.RENDERER);
       gaps.sort((a, b) => a - b);
-      const answer = { first, rate: (1000 * gaps.length) / passed, slow: gaps[Math.floor(0.99 * gaps.length)] };
-      fetch("/report", { method: "POST", body: JSON.stringify({ ...answer, side: splats.side, drawn }) });
+      const [rate, slow] = [(1000 * gaps.length) / passed, gaps[Math.floor(0.99 * gaps.length)]];
+      const answer = { first, rate, slow, side: splats.side, drawn };
+      fetch("/report", { method: "POST", body: JSON.stringify(answer) });
     });
   }, 3000);
 });
@@ -96,18 +98,21 @@ class Served(BaseHTTPRequestHandler):
         super().__init__(*words)  # type: ignore[arg-type]
 
     def do_GET(self) -> None:
+        """Answer with the page."""
         self.send_response(200 if self.path == "/" else 404)
         self.send_header("Content-Type", "text/html; charset=utf-8")
         self.end_headers()
         self.wfile.write(self.page if self.path == "/" else b"")
 
     def do_POST(self) -> None:
+        """Keep a report."""
         self.reports.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
         self.send_response(204)
         self.end_headers()
         self.heard.set()
 
     def log_message(self, *_: object) -> None:
+        """Write nothing."""
         return
 
 
@@ -154,17 +159,18 @@ def measure(page: Path, browser: str) -> dict:
 
 
 def main() -> None:
+    """Print a line for each page and browser, medians over the turns."""
     for page in map(Path, sys.argv[1:]):
         for browser in filter(shutil.which, BROWSERS):
             found = [measure(page, browser) for _ in range(TURNS)]
             first, rate, slow = (
                 statistics.median(one[key] for one in found) for key in ("first", "rate", "slow")
             )
+            print(f"{page.name}, {browser}: first picture {1e-3 * first:.2f} s;", end=" ")
             print(
-                f"{page.name}, {browser}: first picture {1e-3 * first:.2f} s; {rate:.1f} pictures/s at {found[0]['side']} px, "
-                f"99 of 100 within {slow:.0f} ms; drawn by {found[0]['drawn']}",
-                flush=True,
+                f"{rate:.1f} pictures/s at {found[-1]['side']} px, 99 of 100 within {slow:.0f} ms;", end=" "
             )
+            print(f"drawn by {found[-1]['drawn']}", flush=True)
 
 
 if __name__ == "__main__":

@@ -152,6 +152,22 @@ def test_numbers_are_told_in_words(page) -> None:
     assert page.locator("#chart-books").get_attribute("role") == "img"
 
 
+def test_f_fills_the_screen_and_colours_follow_the_browser(page) -> None:
+    for filled in (True, False):
+        page.keyboard.press("f")
+        until(
+            lambda filled=filled: page.evaluate("Boolean(document.fullscreenElement)") == filled, "a change"
+        )
+    dark = partial(page.evaluate, "getComputedStyle(document.documentElement).colorScheme === 'dark'")
+    page.emulate_media(color_scheme="dark")
+    until(dark, "dark colours")
+    page.locator("#theme").click()
+    until(lambda: not dark(), "colours as chosen")
+    page.emulate_media(color_scheme="light")
+    page.emulate_media(color_scheme="dark")
+    until(dark, "dark colours again")
+
+
 def test_beyond_the_recording_and_after_a_divergence_there_is_a_banner(page) -> None:
     drag(page, TOP, 350.0)
     until(lambda: "Beyond the recording" in page.locator("#banner").inner_text(), "the banner")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lagsplat.viewer.server.server import ViewerServer
-from tests.browser.chromium import NO_WEBGL, browser, until
+from tests.browser.chromium import NO_WEBGL, PATIENCE_S, browser, until
 from tests.browser.disc import SIZE, TOP, WALL, disc
 from tests.browser.live_page import VIEW, canvas_of, drag_from, middle, opened, settled
 
@@ -129,7 +129,7 @@ def test_controls_reach_the_session(page, live) -> None:
     until(lambda: session.status == "running", "running again")
     page.get_by_role("tab", name="Mechanics").click()
     slider = (
-        page.get_by_text("Damping", exact=True)
+        page.get_by_text("Damping (×)", exact=True)
         .locator("xpath=ancestor::*[.//*[@role='slider']][1]")
         .get_by_role("slider")
     )
@@ -187,6 +187,21 @@ def test_two_tabs_see_the_same_and_the_last_grasp_holds(chromium, live) -> None:
     live.loop.submit(lambda s: (s.pause(False), s.to_rest()))
     one.close()
     two.close()
+
+
+def test_colours_are_those_that_the_browser_asks_for(chromium, live) -> None:
+    live.loop.submit(lambda s: s.to_frame(25))
+    context = chromium.new_context(viewport=VIEW, color_scheme="dark")
+    tab = context.new_page()
+    tab.set_default_timeout(1000 * PATIENCE_S)
+    tab.goto(live.url)
+    scheme = tab.locator("html")
+    until(lambda: scheme.get_attribute("data-mantine-color-scheme") == "dark", "dark colours")
+    tab.emulate_media(color_scheme="light")
+    until(lambda: scheme.get_attribute("data-mantine-color-scheme") == "light", "light colours")
+    tab.locator("#theme").dispatch_event("click")
+    until(lambda: scheme.get_attribute("data-mantine-color-scheme") == "dark", "colours as chosen")
+    context.close()
 
 
 def test_without_webgl_the_page_says_so(chromium, live) -> None:

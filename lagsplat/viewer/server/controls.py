@@ -18,7 +18,7 @@ from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 REFRESH_S = 0.25  # time between two updates of plots and rates [s]
-WIDEST = 0.2  # largest radius of the brush as a share of the image's width
+WIDEST = 20.0  # largest radius of the brush [percent of the image's width]
 THEME: Any = {
     "show_logo": False,
     "show_share_button": False,
@@ -40,7 +40,7 @@ class ControlPanel:
         self.refreshed_s, self.banner_text, self.shows_latency = 0.0, "", False
         gui, session = self.server.gui, loop.session
         gui.set_panel_label(title)
-        gui.configure_theme(dark_mode=True, **THEME)
+        gui.configure_theme(**THEME)
         gui.main_panel.dock_right()
         self.banner = gui.add_markdown("", visible=False)
         self._add_time_controls(gui, session)
@@ -58,6 +58,8 @@ class ControlPanel:
             self._add_record_controls(gui, actions)
         self.plots = HistoryPlots(gui, session)
         self.keys = bind_keys(gui, loop, session.operating_point)
+        gui.add_command("Dark colours", hotkey="D").on_trigger(partial(_color, dark=True))
+        gui.add_command("Light colours", hotkey="L").on_trigger(partial(_color, dark=False))
         self.status = gui.add_markdown("")
         with gui.add_folder("Help", expand_by_default=False):
             gui.add_markdown(Path(__file__).with_name("help.md").read_text(encoding="utf-8"))
@@ -130,7 +132,7 @@ class ControlPanel:
 
         clock = self.loop.clock
         last = len(session.recorded.q) - 1
-        self._add_slider("Speed", (0.1, 4.0, 0.1), 1.0, lambda s, value: setattr(clock, "speed", value))
+        self._add_slider("Speed (×)", (0.1, 4.0, 0.1), 1.0, lambda s, value: setattr(clock, "speed", value))
         first = session.frame or 0
         self._add_slider(
             "Frame", (0, max(1, last), 1), first, lambda s, value: s.to_frame(min(int(value), last))
@@ -138,20 +140,24 @@ class ControlPanel:
 
     def _add_push_controls(self, gui: viser.GuiApi, session: Session) -> None:
         def set_radius(s: Session, value: float) -> None:
-            s.grasp_model.radius_px = max(SPACING_PX, width * value)
+            s.grasp_model.radius_px = max(SPACING_PX, 0.01 * width * value)
 
         width = session.operating_point.width
         hint = "Power of ten: 0 as chosen, 1 ten times as strong"
         self._add_slider(
-            "Force scale", (-1.0, 1.0, 0.05), 0.0, lambda s, x: setattr(s, "strength", 10.0**x), hint=hint
+            "Force scale (log10)",
+            (-1.0, 1.0, 0.05),
+            0.0,
+            lambda s, x: setattr(s, "strength", 10.0**x),
+            hint=hint,
         )
-        radius = round(session.grasp_model.radius_px / width, 3)
-        hint = "Radius of the grasped matter, as a share of the image's width"
-        self._add_slider("Brush", (0.005, WIDEST, 0.005), radius, set_radius, hint=hint)
+        radius = round(100.0 * session.grasp_model.radius_px / width, 1)
+        hint = "Radius of the grasped matter, in percent of the image's width"
+        self._add_slider("Brush (%)", (0.5, WIDEST, 0.5), radius, set_radius, hint=hint)
         with gui.add_folder("Calibrate from one poke", expand_by_default=False):
             force = gui.add_number("True force", initial_value=1.0, min=1e-6, hint="in newtons, say")
             hint = "along the push, in pixels of the training resolution; in space, in pixels at the pivot"
-            moved = gui.add_number("It moved [px]", initial_value=5.0, min=1e-3, hint=hint)
+            moved = gui.add_number("It moved (px)", initial_value=5.0, min=1e-3, hint=hint)
             go = gui.add_button("Use my last push")
             scale = gui.add_markdown("kappa is not set: forces are in the law's own unit.")
 
@@ -167,9 +173,11 @@ class ControlPanel:
 
     def _add_mechanics_controls(self, gui: viser.GuiApi) -> None:
         sliders = [
-            self._add_slider("Damping", (0.0, 5.0, 0.05), 1.0, lambda s, value: s.edit(damping=value)),
-            self._add_slider("Inertia", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(inertia=value)),
-            self._add_slider("Stiffness", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(stiffness=value)),
+            self._add_slider("Damping (×)", (0.0, 5.0, 0.05), 1.0, lambda s, value: s.edit(damping=value)),
+            self._add_slider("Inertia (×)", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(inertia=value)),
+            self._add_slider(
+                "Stiffness (×)", (0.2, 5.0, 0.05), 1.0, lambda s, value: s.edit(stiffness=value)
+            ),
         ]
         restore = gui.add_button("As learned")
 
@@ -189,7 +197,7 @@ class ControlPanel:
         low, high = recorded.u.min(0), recorded.u.max(0)
         sliders = [
             gui.add_slider(
-                f"{name} [{unit}]",
+                f"{name} ({unit})",
                 min=float(low[i]),
                 max=float(max(high[i], low[i] + 1e-6)),
                 step=float(max(high[i] - low[i], 1e-6)) / 100.0,
@@ -216,7 +224,6 @@ class ControlPanel:
             self.shows_latency = on
 
         self._add_checkbox("Measure drag to frame", measure)
-        self._add_checkbox("Dark", lambda on: gui.configure_theme(dark_mode=on, **THEME), on=True)
         front = gui.add_button(self.scene_view.canvas.reset_view_label)
 
         @front.on_click
@@ -239,6 +246,12 @@ class ControlPanel:
 
         for label, act in actions.items():
             gui.add_button(label).on_click(partial(run, act))
+
+
+def _color(event: viser.CommandEvent, *, dark: bool) -> None:
+    """Colour the page of the visitor who asks for it, as its script does for the browser."""
+    if event.client is not None:
+        event.client.gui.configure_theme(dark_mode=dark, **THEME)
 
 
 def pause_and_step(session: Session) -> None:
@@ -273,7 +286,7 @@ class HistoryPlots:
         rest, (states, energies) = session.operating_point.rest.numpy(), session.measure_ranges()
         at_rest = float(session.law.potential(rest))
         flows = ["hand", *["inputs"] * self.is_driven, "dissipated", "unexplained"]
-        titles = ("State q (deviations)", "Energy (law's unit)", "Energy balance (law's unit)")
+        titles = ("State q (deviations)", "Energy (unit of the law)", "Energy balance (unit of the law)")
         kinds = (
             ([f"q{i + 1}" for i in range(len(rest))], (float(rest.min()), float(rest.max())), states),
             (["kinetic", "potential", "total"], (min(at_rest, 0.0), max(at_rest, 0.0)), energies),
@@ -327,5 +340,6 @@ def _add_plot(
         height=PLOT_HEIGHT_PX,
         scales=scales,
         axes=axes,
-        legend=uplot.Legend(show=True),
+        legend=uplot.Legend(show=True, live=False),
+        padding=(8, 24, 0, 0),
     )

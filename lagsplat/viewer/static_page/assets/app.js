@@ -8,8 +8,10 @@ const SHARPEST = 720; // pixels along the longer side
 const COARSEST = 160;
 const FINEST = 1; // radius of the brush: material points are a pixel apart
 const SMOOTH = 28; // pictures a second: below, they are drawn coarser
+const CHARTED = 100; // milliseconds between two looks of a chart
 const SPAN = 10; // seconds that a chart shows
 const LEAST = 0.02; // least span of a chart over the range of the recording
+const BESIDE = 190; // pixels of a window's height that are not the picture's
 const NARROW = 760; // pixels of a window in which panels begin folded, as in style.css
 
 function start() {
@@ -53,7 +55,8 @@ function layOut(page) {
   const { run, picture, splats } = page;
   const { width, height } = run.splats;
   const room = picture.parentElement.clientWidth;
-  const across = Math.min(room, (0.78 * window.innerHeight * width) / height);
+  const high = Math.max(window.innerHeight - BESIDE, 0.6 * window.innerHeight);
+  const across = Math.min(room, (high * width) / height);
   picture.style.width = `${across}px`;
   picture.style.height = `${(across * height) / width}px`;
   page.scale = across / width; // of the screen a pixel of the training resolution
@@ -108,10 +111,13 @@ function show(page, now) {
   showVelocity(page);
   const beyond = session.isBeyond(); // looks at all of the recording
   const banner = session.banner(beyond);
-  byId("banner").textContent = banner;
+  if (banner !== byId("banner").textContent) byId("banner").textContent = banner; // what changes is laid out again
   byId("banner").classList.toggle("said", banner !== "");
   page.picture.classList.toggle("beyond", beyond);
-  if (page.frames % 6 === 0) Object.values(charts).forEach((chart) => chart.draw());
+  if (now > (page.charted ?? 0) + CHARTED) {
+    page.charted = now;
+    Object.values(charts).forEach((chart) => chart.draw());
+  }
   if (now > page.counted + 1000) showRates(page, now);
 }
 
@@ -134,9 +140,11 @@ function line(id, from, to) {
 }
 
 /** Where a first drag may begin, and where to, until there was one. */
-function showHint({ session, run, pointers, view, scale }) {
+function showHint(page) {
+  const { session, run, pointers, view, scale } = page;
   for (const id of ["hint", "ghost", "ghost-hand"]) byId(id).classList.toggle("gone", Boolean(session.everHeld));
-  if (session.everHeld) return;
+  if (session.everHeld || page.hinted === `${view.looks} ${scale}`) return;
+  page.hinted = `${view.looks} ${scale}`;
   const place = view.seen(view.matter.carry(session.run.rest, [pointers.lever])[0]).map((x) => x * scale);
   const tip = plus(place, run.leverWay, 0.3 * run.splats.height * scale);
   line("ghost", place, tip);
@@ -230,19 +238,30 @@ function listenToControls(page) {
   byId("front")?.addEventListener("click", () => page.view.front());
   byId("show-outline").addEventListener("change", (event) => byId("outline").toggleAttribute("hidden", !event.target.checked));
   byId("help").addEventListener("click", () => byId("card").showModal());
-  byId("full").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()));
-  byId("full").hidden = !document.fullscreenEnabled;
+  listenToScreen();
   page.picture.addEventListener("keydown", (event) => {
     if (event.key === " ") pause(session, !session.paused);
     else if (event.key === "r" || event.key === "R") session.rest();
     else return;
     event.preventDefault();
   });
-  byId("theme").addEventListener("click", () => {
-    const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");
-    document.documentElement.dataset.theme = dark ? "light" : "dark";
-  });
   listenToInputs(page);
+}
+
+/** Full screen by button or F; colours as the browser asks for, or by the button until it asks for others. */
+function listenToScreen() {
+  const root = document.documentElement;
+  const fill = () => (document.fullscreenElement ? document.exitFullscreen() : root.requestFullscreen());
+  byId("full").hidden = !document.fullscreenEnabled;
+  byId("full").addEventListener("click", fill);
+  window.addEventListener("keydown", (event) => {
+    const other = event.ctrlKey || event.metaKey || event.altKey || !document.fullscreenEnabled;
+    if (event.key.toLowerCase() === "f" && !other) fill();
+  });
+  byId("theme").addEventListener("click", () => {
+    root.dataset.theme = getComputedStyle(root).colorScheme.includes("dark") ? "light" : "dark";
+  });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => delete root.dataset.theme);
 }
 
 function pause(session, on) {

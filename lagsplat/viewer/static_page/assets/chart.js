@@ -72,7 +72,7 @@ class LineChart {
       pen.fillText(told(value), LEFT - 6, y(value) + 4);
     }
     pen.textAlign = "center";
-    for (const time of ticks(Math.max(end - this.span, 0), end, 5)) {
+    for (const time of ticks(end - this.span, end, 5).filter((each) => each >= 0)) {
       rule([x(time), height - BELOW], [x(time), height - BELOW + 3]);
       if (x(time) < width - 12) pen.fillText(`${told(time)} s`, x(time), height - 1);
     }
