@@ -13,7 +13,7 @@ export OMP_WAIT_POLICY ?= PASSIVE
 # every module it installs, most of which nothing here imports.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: krauss physical view demo published test slurm-test campaigns scenarios lint types workflow docs tables notebooks lock package crate
+.PHONY: krauss physical view demo published test coverage slurm-test campaigns scenarios lint types workflow docs tables notebooks lock package crate
 .DEFAULT_GOAL := krauss
 
 krauss: .venv/.installed
@@ -56,11 +56,23 @@ notebooks: .venv/.installed
 # browser that draws in software, and what is computed by several threads. Then the others, a process a core.
 SHARED := --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
 ALL_CORES := tests/browser tests/scenarios/test_thread_counts.py
+# To count lines and branches slows what is counted. Here it is done for what meets files and strangers, by the tests
+# of that alone; `make coverage` does it for all.
+COUNTED := tests/unit/io tests/unit/viewer/server tests/unit/diagnose/simulators tests/laws/test_parsers.py
+PARTS := $(CURDIR)/build/coverage
+COUNT := COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml COVERAGE_FILE=$(PARTS)/part $(BIN)/python -m pytest -p tests.coverage_marks
 test: .venv/.installed
 	@$(MAKE) --no-print-directory --jobs=$(CORES) --output-sync types lint workflow docs
 	@$(MAKE) --no-print-directory scenarios
 	@$(BIN)/python -m pytest $(ALL_CORES)
-	@$(BIN)/python -m pytest $(SHARED) $(ALL_CORES:%=--ignore=%) --ignore=tests/scenarios
+	@rm -rf $(PARTS); mkdir -p $(PARTS)
+	@COVERAGE_FOLDERS="lagsplat/io lagsplat/viewer/server" $(COUNT) --quiet $(SHARED) $(COUNTED)
+	@$(BIN)/python -m pytest $(SHARED) $(ALL_CORES:%=--ignore=%) $(COUNTED:%=--ignore=%) --ignore=tests/scenarios
+
+# Lines and branches of the whole package that any test reaches; fails below the marks of tests/coverage_marks.py.
+coverage: .venv/.installed
+	@rm -rf $(PARTS); mkdir -p $(PARTS)
+	@$(COUNT) $(SHARED)
 
 # What takes too long for every change: the sealed check of the diagnosis, the methods beside it, and cases that repeat
 # what others cover.

@@ -122,10 +122,15 @@ class AuthorsConfig:
             )
 
 
+ODE_TITLES = {"none": "Neural ODE", "hamiltonian": "Hamiltonian ODE"}
+"""Structures of neural differential equations, and their names in tables and figures."""
+
+
 @dataclass
 class OdeConfig:
     """All settings of a neural ODE; chart and seed come apart."""
 
+    structure: str  # what it knows of mechanics: 'none', or 'hamiltonian' with dissipation
     hidden: int
     layers: int  # hidden layers
     method: str  # of torchdiffeq, one step a frame: 'rk4' or 'midpoint'
@@ -140,6 +145,7 @@ class OdeConfig:
     def __post_init__(self) -> None:
         check.require_least(self, "ode", 1, "hidden", "layers", "steps", "batch")
         check.require_positive(self, "ode", "periods", "rate", "gradient_clip")
+        check.require_choice(self, "ode", "structure", tuple(ODE_TITLES))
         check.require_choice(self, "ode", "method", ("rk4", "midpoint"))
         check.require_interval(self, "ode", "(0, 1]", "final_fraction")
 

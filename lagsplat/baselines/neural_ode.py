@@ -1,224 +1,216 @@
-"""A neural ordinary differential equation, its file, and its training on windows of the training part."""
+"""Neural ordinary differential equations in the state, its velocity and the inputs, and their file.
 
-import math
+One kind knows no mechanics, the other is Hamiltonian with dissipation.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from functools import partial
 from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float, Float64
-from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
 from torchdiffeq import odeint
 
-from lagsplat.baselines.config import OdeConfig
-from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import StrPath, load_artifact, restore_module, save_artifact
-from lagsplat.io.files.checkpoint import load_training_state, save_training_state
-from lagsplat.stage1.training import run_training
 
-KIND, SCHEMA = "neural_ode", 1
-EARLY = 0.25  # share of the full window length at the start of the training
+KIND, SCHEMA = "neural_ode", 2
+LEAST_INVERSE_MASS = 0.1  # keeps the mass of `HamiltonianOde` bounded
 
-
-class OdeCurvePoint(NamedTuple):
-    """Mean loss since the previous point, and total seconds of training."""
-
-    step: int
-    loss: float
-    seconds: float
+Batch = Float[Tensor, "B n"]
+Inputs = Float[Tensor, "B n_u"]
 
 
-class NeuralOde(nn.Module):
-    """``dx/dt = f(x)`` with ``x`` the whitened state and its velocity, and ``f`` any network of both.
+def make_perceptron(inputs: int, outputs: int, *, hidden: int, layers: int) -> nn.Sequential:
+    """A network of ``layers`` hidden layers of width ``hidden`` with tanh, in float64."""
+    widths = [inputs, *[hidden] * layers]
+    body = [layer for a, b in pairwise(widths) for layer in (nn.Linear(a, b, dtype=torch.float64), nn.Tanh())]
+    return nn.Sequential(*body, nn.Linear(hidden, outputs, dtype=torch.float64))
 
-    One internal unit of time is ``time_unit_s`` seconds; velocities are per unit. Nothing enforces
-    dissipation, conservation or an equilibrium, nor that the velocity is the derivative of the state.
+
+class LatentOde(nn.Module, ABC):
+    """A differential equation of the whitened state ``q`` and its velocity ``v``, driven by inputs.
+
+    One internal unit of time is ``time_unit_s`` seconds; velocities are per unit. ``d`` and ``n_u`` count
+    coordinates and inputs; ``method`` is one of torchdiffeq's, one step between two instants.
     """
 
-    def __init__(self, d: int, *, hidden: int, layers: int, method: str, time_unit_s: float) -> None:
+    input_mean: Tensor
+    input_spread: Tensor
+
+    def __init__(
+        self, d: int, n_u: int, *, hidden: int, layers: int, method: str, time_unit_s: float
+    ) -> None:
         super().__init__()
-        sizes = {"d": d, "hidden": hidden, "layers": layers}
+        sizes = {"d": d, "n_u": n_u, "hidden": hidden, "layers": layers}
         self.architecture = {**sizes, "method": method, "time_unit_s": time_unit_s}
-        self.d, self.method, self.time_unit_s = d, method, time_unit_s
-        widths = [2 * d, *[hidden] * layers]
-        self.layers = nn.ModuleList(nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(widths))
-        self.head = nn.Linear(hidden, 2 * d, dtype=torch.float64)
+        self.d, self.n_u, self.method, self.time_unit_s = d, n_u, method, time_unit_s
+        self.register_buffer("input_mean", torch.zeros(n_u, dtype=torch.float64))
+        self.register_buffer("input_spread", torch.ones(n_u, dtype=torch.float64))
 
-    def forward(self, time: Tensor, state: Float[Tensor, "B n"]) -> Float[Tensor, "B n"]:
-        """Rate of change of states ``(q, v)``, independent of time."""
-        value = state
-        for layer in self.layers:
-            value = torch.tanh(layer(value))
-        return self.head(value)
+    def normalize_by(self, inputs: Float64[np.ndarray, "T n_u"]) -> None:
+        """Measure the mean and the standard deviation of inputs, by which all are normalised from then on."""
+        self.input_mean.copy_(torch.from_numpy(inputs.mean(axis=0)))
+        spread = inputs.std(axis=0)
+        self.input_spread.copy_(torch.from_numpy(np.where(spread > 0, spread, 1.0)))
 
-    def rollout(self, start: Float[Tensor, "B n"], *, states: int, dt_s: float) -> Float[Tensor, "N B n"]:
-        """States ``(q, v)`` at ``states`` instants ``dt_s`` [s] apart, the first as given."""
-        instants = torch.arange(states, dtype=torch.float64) * (dt_s / self.time_unit_s)
-        return odeint(self, start, instants, method=self.method)
+    @property
+    def structure(self) -> str:
+        """Its name in `STRUCTURES`."""
+        return next(name for name, kind in STRUCTURES.items() if isinstance(self, kind))
+
+    @abstractmethod
+    def rate(self, state: Batch, inputs: Inputs) -> Batch:
+        """Rate of change of the integrated state."""
+
+    def enter(self, state: Batch) -> Batch:
+        """The integrated state of ``(q, v)``."""
+        return state
+
+    def leave(self, state: Float[Tensor, "N B n"]) -> Float[Tensor, "N B n"]:
+        """The states ``(q, v)`` of integrated ones."""
+        return state
+
+    def rollout(
+        self, start: Batch, inputs: Float[Tensor, "N B n_u"], instants_s: Float[Tensor, " N"]
+    ) -> Float[Tensor, "N B n"]:
+        """States ``(q, v)`` at the instants [s], the first as given; inputs in between are linear in time."""
+        instants = instants_s / self.time_unit_s
+        driven = (inputs - self.input_mean) / self.input_spread
+
+        def rate(time: Tensor, state: Tensor) -> Tensor:
+            left = int(torch.searchsorted(instants, time, right=True).clamp(1, len(instants) - 1)) - 1
+            share = (time - instants[left]) / (instants[left + 1] - instants[left])
+            return self.rate(state, torch.lerp(driven[left], driven[left + 1], share))
+
+        return self.leave(odeint(rate, self.enter(start), instants, method=self.method))
 
 
-def fit_ode(
-    train: EncodedTrajectory,
-    metric: Float64[np.ndarray, "d d"],
-    config: OdeConfig,
-    *,
-    seed: int,
-    checkpoint: Path | None = None,
-    identity: str = "",
-) -> tuple[NeuralOde, list[OdeCurvePoint]]:
-    """Fit ``f`` so that rollouts from encoded states follow the encoded motion.
+class NeuralOde(LatentOde):
+    """``dx/dt = f(x, u)`` with ``x`` the state and its velocity, and ``f`` any network of both.
 
-    The training part is smoothed and its inputs are ignored. Windows grow from a quarter of
-    ``config.periods`` natural periods to all of it. The loss is the squared distance in the metric, of the
-    state and, in natural units, of the velocity. Unevenly spaced frames are interpolated first.
-    ``identity`` identifies the run in the file ``checkpoint``.
-
-    Raises:
-        ValueError: no clip is as long as a window.
-        FloatingPointError: the loss stops being finite.
-
-    Source: Chen et al. 2018, arXiv:1806.07366.
+    Nothing enforces dissipation, conservation or an equilibrium, nor that the velocity is the derivative of
+    the state. Source: Chen et al. 2018, arXiv:1806.07366.
     """
-    unit_s = _time_unit(train, metric)
-    clips = [_series(train, ends, unit_s) for ends in train.segments]
-    longest = max(len(clip) for clip in clips)
-    window = min(max(round(config.periods * 2 * np.pi * unit_s / train.dt_s) + 1, 4), longest)
-    torch.manual_seed(seed)
-    ode = NeuralOde(
-        train.latents.shape[1],
-        hidden=config.hidden,
-        layers=config.layers,
-        method=config.method,
-        time_unit_s=unit_s,
-    )
-    optimizer = torch.optim.Adam(ode.parameters(), lr=config.rate)
-    weight = torch.from_numpy(np.kron(np.eye(2), metric))
-    curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
 
-    def take_step(step: int) -> np.ndarray:
-        wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
-        for group in optimizer.param_groups:
-            group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
-        # windows grow over the first half of the training
-        share = min(1.0, EARLY + (1 - EARLY) * 2 * step / config.steps)
-        length = max(4, min(window, math.ceil(share * window)))
-        batch = _windows(clips, length, config.batch, np.random.default_rng([seed, step]))
-        optimizer.zero_grad(set_to_none=True)
-        missed = ode.rollout(batch[0], states=len(batch), dt_s=train.dt_s) - batch
-        loss = torch.einsum("nbi,ij,nbj->nb", missed, weight, missed).mean()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(ode.parameters(), config.gradient_clip)
-        optimizer.step()
-        value = float(loss.detach())
-        if not math.isfinite(value):
-            raise FloatingPointError(
-                f"the neural ODE lost its footing at step {step}: the loss is {value}. Lower ode.rate or "
-                "ode.periods"
-            )
-        return np.array([value])
+    def __init__(self, d: int, n_u: int, **settings: Any) -> None:
+        super().__init__(d, n_u, **settings)
+        sizes = {"hidden": settings["hidden"], "layers": settings["layers"]}
+        self.network = make_perceptron(2 * d + n_u, 2 * d, **sizes)
 
-    run_training(
-        take_step,
-        curve,
-        OdeCurvePoint,
-        n_steps=config.steps,
-        n_terms=1,
-        title="neural ODE",
-        save=partial(save_training_state, checkpoint, ode, optimizer, curve, identity=identity),
-        save_every_s=config.checkpoint_every_s,
-        ends=[config.steps],
-    )
-    return ode.eval(), curve
+    def rate(self, state: Batch, inputs: Inputs) -> Batch:
+        """Whatever the network says."""
+        return self.network(torch.cat([state, inputs], dim=1))
 
 
-def _time_unit(train: EncodedTrajectory, metric: np.ndarray) -> float:
-    """Ratio of the rms velocity to the rms acceleration [s]: about a natural period over 2 pi."""
-    squares = np.zeros(2)
-    for start, stop in train.segments:
-        path = CubicSpline(train.time_s[start:stop], train.latents[start:stop])
-        inner = train.time_s[start + 1 : stop - 1]
-        for order in (1, 2):
-            slope = path(inner, order)
-            squares[order - 1] += np.einsum("ti,ij,tj->", slope, metric, slope)
-    return float(np.sqrt(squares[0] / squares[1]))
+class HamiltonianOde(LatentOde):
+    """``dq/dt = H_p``, ``dp/dt = -H_q - D(q) H_p + g(q) u`` with ``H = p^T M(q)^-1 p / 2 + V(q)``.
+
+    A network gives ``V``, ``g`` and the Cholesky factors of ``M^-1`` and ``D``, so without inputs the energy
+    never rises. Source: Zhong, Dey, Chakraborty 2020, Dissipative SymODEN, arXiv:2002.08860.
+    """
+
+    places: Tensor
+
+    def __init__(self, d: int, n_u: int, **settings: Any) -> None:
+        super().__init__(d, n_u, **settings)
+        corner = d * (d + 1) // 2
+        self.parts = (1, corner, corner, d * n_u)
+        sizes = {"hidden": settings["hidden"], "layers": settings["layers"]}
+        self.network = make_perceptron(d, sum(self.parts), **sizes)
+        places = torch.zeros(corner, d, d, dtype=torch.float64)
+        places[torch.arange(corner), *torch.tril_indices(d, d)] = 1.0
+        self.register_buffer("places", places.flatten(1), persistent=False)
+
+    def _split(self, q: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Potential, the factors of the inverse mass and of the damping, and the gains of the inputs."""
+        potential, mass, damping, gain = self.network(q).split(self.parts, dim=1)
+        square = (len(q), self.d, self.d)
+        mass, damping = ((corner @ self.places).view(square) for corner in (mass, damping))
+        return potential[:, 0], mass, damping, gain.view(len(q), self.d, self.n_u)
+
+    def enter(self, state: Batch) -> Batch:
+        """Positions and momenta, of positions and velocities."""
+        q, v = state.split(self.d, dim=1)
+        factor = self._split(q)[1]
+        inverse_mass = factor @ factor.mT + LEAST_INVERSE_MASS * torch.eye(self.d, dtype=q.dtype)
+        return torch.cat([q, torch.linalg.solve(inverse_mass, v)], dim=1)
+
+    def leave(self, state: Float[Tensor, "N B n"]) -> Float[Tensor, "N B n"]:
+        """Positions and velocities, of positions and momenta."""
+        q, p = state.flatten(0, 1).split(self.d, dim=1)
+        return torch.cat([q, apply_inverse_mass(self._split(q)[1], p)], dim=1).view_as(state)
+
+    def measure_energy(self, state: Batch) -> Float[Tensor, " B"]:
+        """Kinetic and potential energy of positions and momenta, in internal units."""
+        q, p = state.split(self.d, dim=1)
+        potential, mass, *_ = self._split(q)
+        return 0.5 * (p * apply_inverse_mass(mass, p)).sum(1) + potential
+
+    def rate(self, state: Batch, inputs: Inputs) -> Batch:
+        """Hamilton's equations with damping and actuation."""
+        training = torch.is_grad_enabled()
+        with torch.enable_grad():
+            q, p = state.split(self.d, dim=1)
+            q = q if q.requires_grad else q.detach().requires_grad_()
+            potential, mass, damping, gain = self._split(q)
+            v = apply_inverse_mass(mass, p)
+            energy = 0.5 * (p * v).sum() + potential.sum()
+            (slope,) = torch.autograd.grad(energy, q, create_graph=training)
+        drag = (damping @ (damping.mT @ v[..., None]))[..., 0]
+        force = (gain @ inputs[..., None])[..., 0] - slope - drag
+        rates = torch.cat([v, force], dim=1)
+        return rates if training else rates.detach()
 
 
-def _series(train: EncodedTrajectory, ends: tuple[int, int], unit_s: float) -> torch.Tensor:
-    """States and velocities of one clip, evenly spaced, velocities per internal unit of time."""
-    time_s = train.time_s[slice(*ends)]
-    if len(time_s) < 4:
-        raise ValueError(
-            f"a clip of {len(time_s)} training frames: a law of motion needs four; give longer clips"
-        )
-    path = CubicSpline(time_s, train.latents[slice(*ends)])
-    n = int((time_s[-1] - time_s[0]) / train.dt_s + 1e-6) + 1
-    at = np.minimum(time_s[0] + train.dt_s * np.arange(n), time_s[-1])
-    return torch.from_numpy(np.concatenate([path(at), path(at, 1) * unit_s], axis=1))
+def apply_inverse_mass(factor: Float[Tensor, "B d d"], p: Float[Tensor, "B d"]) -> Float[Tensor, "B d"]:
+    """Velocities of momenta, by the Cholesky factor of the inverse mass."""
+    return (factor @ (factor.mT @ p[..., None]))[..., 0] + LEAST_INVERSE_MASS * p
 
 
-def _windows(clips: list[torch.Tensor], length: int, batch: int, rng: np.random.Generator) -> torch.Tensor:
-    """Random windows from all clips that are long enough, (N, B, 2d)."""
-    fitting = [clip for clip in clips if len(clip) >= length]
-    room = np.array([len(clip) - length + 1 for clip in fitting])
-    picked = rng.integers(room.sum(), size=batch)
-    which = np.searchsorted(np.cumsum(room), picked, side="right")
-    starts = picked - np.concatenate([[0], np.cumsum(room)])[which]
-    return torch.stack([fitting[c][s : s + length] for c, s in zip(which, starts, strict=True)], dim=1)
+STRUCTURES: dict[str, type[LatentOde]] = {"none": NeuralOde, "hamiltonian": HamiltonianOde}
+"""What an equation knows of mechanics, by the name in ``ode.structure``."""
 
 
-def continue_rollout(
-    ode: NeuralOde,
+def roll_out_ode(
+    ode: LatentOde,
     q0: Float64[np.ndarray, "B d"],
     v0: Float64[np.ndarray, "B d"],
-    *,
-    states: int,
-    dt_s: float,
+    inputs: Float64[np.ndarray, "B N n_u"],
+    steps_s: float | Float64[np.ndarray, "B M"],
 ) -> Float64[np.ndarray, "B N d"]:
-    """States at ``states`` instants, ``dt_s`` [s] apart, from ``q0`` and ``v0`` [1/s], one step a frame.
+    """States from ``q0`` and ``v0`` [1/s] on; ``steps_s`` [s] is one step for all, or those of each window.
 
-    Divergence stays non-finite. NumPy, because a thousand seconds in torch would take minutes.
+    Divergence stays non-finite.
     """
-    layers = (*ode.layers, ode.head)
-    *hidden, head = ((layer.weight.detach().numpy().T, layer.bias.detach().numpy()) for layer in layers)
-
-    def rate(x: np.ndarray) -> np.ndarray:
-        for weight, bias in hidden:
-            x = np.tanh(x @ weight + bias)
-        return x @ head[0] + head[1]
-
-    h = dt_s / ode.time_unit_s
-
-    def step(x: np.ndarray) -> np.ndarray:
-        k1 = rate(x)
-        if ode.method == "midpoint":
-            return x + h * rate(x + 0.5 * h * k1)
-        # the three-eighths rule, which is what torchdiffeq calls rk4
-        k2 = rate(x + h / 3 * k1)
-        k3 = rate(x + h * (k2 - k1 / 3))
-        k4 = rate(x + h * (k1 - k2 + k3))
-        return x + h / 8 * (k1 + 3 * (k2 + k3) + k4)
-
-    x = np.concatenate([q0, v0 * ode.time_unit_s], axis=1)
-    path = np.empty((states, *x.shape))
-    path[0] = x
-    with np.errstate(all="ignore"):
-        for i in range(1, states):
-            path[i] = step(path[i - 1])
-    return np.moveaxis(path[:, :, : ode.d], 0, 1)
+    start = torch.from_numpy(np.concatenate([q0, v0 * ode.time_unit_s], axis=1))
+    driven = torch.from_numpy(np.moveaxis(inputs, 1, 0))
+    with torch.no_grad():
+        if np.ndim(steps_s) == 0:
+            instants_s = float(steps_s) * torch.arange(len(driven), dtype=torch.float64)
+            path = ode.rollout(start, driven, instants_s)
+        else:
+            instants = np.pad(np.cumsum(steps_s, axis=1), ((0, 0), (1, 0)))
+            path = torch.cat(
+                [
+                    ode.rollout(start[one], driven[:, one], torch.from_numpy(instants[one.start]))
+                    for one in (slice(n, n + 1) for n in range(len(start)))
+                ],
+                dim=1,
+            )
+    return np.moveaxis(path[..., : ode.d].numpy(), 0, 1)
 
 
-def save_ode(path: StrPath, ode: NeuralOde, header: Mapping[str, Any]) -> None:
-    """Write the weights and the architecture."""
-    header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": ode.architecture}
-    save_artifact(path, ode.state_dict(), header)
+def save_ode(path: StrPath, ode: LatentOde, header: Mapping[str, Any]) -> None:
+    """Write the weights, the architecture and the structure."""
+    made_of = {"structure": ode.structure, "architecture": ode.architecture}
+    save_artifact(path, ode.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, **made_of})
 
 
-def load_ode(path: StrPath) -> tuple[NeuralOde, dict[str, Any]]:
+def load_ode(path: StrPath) -> tuple[LatentOde, dict[str, Any]]:
     """Read a neural ODE and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
-    ode = NeuralOde(**header["architecture"])
+    ode = STRUCTURES[header["structure"]](**header["architecture"])
     return restore_module(ode, tensors, path), header

@@ -103,7 +103,8 @@ class Config:
     extrapolated: list[str]
     """Systems of the table of extrapolation: they move freely, and the end of a clip is held out."""
     forecasters: list[str]  # choices of `conf/forecaster` that stand in it
-    forecaster_seeds: list[int]  # seeds of the forecasters and of the free differential equation
+    forecaster_seeds: list[int]  # seeds of the forecasters and of the neural differential equations
+    odes: list[str]  # choices of `conf/ode`: laws of the same latents beside ours
     seeds: list[int]  # of a run each, for stage 1 and stage 2 alike
     tracking: str  # where the metrics of runs are kept besides: none, jsonl or mlflow
     choices: dict[str, str]  # name of the file chosen in each group; filled in by :func:`compose`
@@ -137,7 +138,7 @@ class Config:
     def __post_init__(self) -> None:
         """Check that every name and seed of the protocol can be run."""
         groups = {"systems": "system", "extrapolated": "system", "spatial": "system"}
-        groups |= {"ablations": "stage2", "baselines": "baseline", "forecasters": "forecaster"}
+        groups |= {"ablations": "stage2", "baselines": "baseline", "forecasters": "forecaster", "odes": "ode"}
         for key, group in groups.items():
             names = getattr(self, key)
             for name in names:

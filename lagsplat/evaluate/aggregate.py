@@ -22,9 +22,10 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     With several runs ``low`` and ``high`` are the extremes over all runs; with a single run they are its
     interval over windows. ``spread`` says which. A score that some runs lack is the median of the others,
-    and ``n`` counts these. Diverged rollouts are summed, not averaged. ``training`` holds steps and frames of
-    the first run and the mean wall time, None where unknown. Seeds of one fit may end with a linear law or
-    with another: ``dynamics`` then names both.
+    and ``n`` counts these. Diverged rollouts are summed, not averaged. ``windows`` counts the windows of half
+    a second that do not overlap, ``long_windows`` those of two periods. ``training`` holds steps and frames
+    of the first run and the mean wall time, None where unknown. Seeds of one fit may end with a linear law
+    or with another: ``dynamics`` then names both.
 
     Raises:
         ValueError: no run, or runs of different recordings or latent dimensions.
@@ -52,6 +53,8 @@ def aggregate(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "frames_seen": spent[0].get("frames_seen"),
             "wall_s": float(np.mean(wall_s)) if wall_s else None,
         },
+        "windows": runs[0]["forecast"]["distinct"],
+        "long_windows": runs[0]["latent"].get("distinct"),
         "frequency_windows": runs[0]["frequency"]["n_windows"],
         "frequency_estimator": runs[0]["frequency"]["estimator"],
     }

@@ -9,7 +9,7 @@ import torch
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate import forecast, free_motion
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, select_held_out
+from lagsplat.evaluate.protocol import EvaluationSubject, Integrate, Pictures, Render, select_held_out
 from lagsplat.evaluate.truth import inertia_along
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
@@ -74,6 +74,33 @@ def make_run_subject(
         render=lambda q: decode_latents(autoencoder, chart.to_raw(q)),
         integrate=make_integrator(lagrangian),
     )
+
+
+def score_latent_law(
+    autoencoder: Autoencoder,
+    chart: Chart,
+    recording: Recording,
+    config: EvaluateConfig,
+    integrate: Integrate,
+    *,
+    dynamics: str,
+    render: Render | None = None,
+) -> dict[str, Any]:
+    """Every score of another law of the same latents, which knows nothing of forces in the image.
+
+    ``integrate`` rolls the law out, ``dynamics`` names its kind, ``render`` draws states in the place of the
+    decoder. Raises as `score`.
+    """
+    subject = EvaluationSubject(
+        d=chart.d,
+        dynamics=dynamics,
+        external_force="none",
+        held=select_held_out(chart, config),
+        pictures=make_picture_reader(recording, first=chart.n_train),
+        render=render or (lambda q: decode_latents(autoencoder, chart.to_raw(q))),
+        integrate=integrate,
+    )
+    return score(subject, recording, config)
 
 
 def describe_dynamics(lagrangian: Lagrangian) -> str:

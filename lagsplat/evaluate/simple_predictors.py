@@ -1,4 +1,4 @@
-"""Forecasts that a model must beat to have learned anything: no training, or one least-squares fit.
+"""Forecasts that a model must beat to have learned anything, and laws that are regressed on its latents.
 
 Each is scored as every other model is, from the same encoded states and drawn by the same decoder, except the
 mean image, which is drawn as it is.
@@ -13,18 +13,16 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.aggregate import MEAN_IMAGE
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.evaluate import make_picture_reader, require_same_run, score
-from lagsplat.evaluate.protocol import (
-    EvaluationSubject,
-    HeldOut,
-    Integrate,
-    initial_states,
-    list_series,
-    select_held_out,
-    squared_norm,
+from lagsplat.evaluate.evaluate import make_picture_reader, require_same_run, score_latent_law
+from lagsplat.evaluate.latent_regression import (
+    fit_gaussian_process,
+    fit_koopman_law,
+    fit_linear_law,
+    select_frames,
 )
+from lagsplat.evaluate.protocol import HeldOut, Integrate, initial_states, list_series, squared_norm
 from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
+from lagsplat.stage1.autoencoder import Autoencoder
 
 MOST_FRAMES = 4096  # training frames that a mean image and a search take, evenly spaced: bounds memory
 
@@ -56,21 +54,20 @@ def evaluate_simple_predictors(
         "Hold": lambda q0, v0, inputs, steps_s: _repeat(q0, inputs),
         "Nearest neighbour": make_neighbour_search(train),
         "Linear least squares": fit_linear_law(train),
+        "Koopman least squares": fit_koopman_law(train, horizon=round(config.horizon_s / chart.dt_s)),
+        "Gaussian process": fit_gaussian_process(train),
     }
+    kinds = {
+        "Linear least squares": "linear",
+        "Koopman least squares": "linear",
+        "Gaussian process": "nonlinear",
+    }
+    model = (autoencoder, chart, recording, config)
     scores = {}
     for name, integrate in integrators.items():
-        subject = EvaluationSubject(
-            d=chart.d,
-            dynamics="linear" if name == "Linear least squares" else "none",
-            external_force="none",
-            held=select_held_out(chart, config),
-            pictures=make_picture_reader(recording, first=chart.n_train),
-            render=draw_mean_image(recording)
-            if name == MEAN_IMAGE
-            else lambda q: decode_latents(autoencoder, chart.to_raw(q)),
-            integrate=integrate,
-        )
-        scores[name] = score(subject, recording, config)
+        render = draw_mean_image(recording) if name == MEAN_IMAGE else None
+        kind = kinds.get(name, "none")
+        scores[name] = score_latent_law(*model, integrate, dynamics=kind, render=render)
     floor = scores["Hold"]["latent"].get("floor")
     _divide_by_floor(scores[MEAN_IMAGE], floor)
     return scores
@@ -96,42 +93,6 @@ def _divide_by_floor(scores: dict[str, Any], floor: float | None) -> None:
     scores["intervals"]["image_ratio"] = [None, None]
     if floor is not None:
         scores["scores"]["image_ratio"] = scores["latent"]["image_mse"] / floor
-
-
-def select_frames(train: HeldOut, *, ahead: int) -> np.ndarray:
-    """Training frames of which the velocity is known and which have ``ahead`` frames after them.
-
-    Raises:
-        ValueError: there is none.
-    """
-    after = max(ahead, *train.stencil)
-    ranges = [np.arange(start, stop - after) for start, stop in train.clips]
-    frames = np.concatenate([np.arange(0), *ranges])
-    if not len(frames):
-        raise ValueError(f"no training clip has {after + 1} frames; use a longer recording")
-    return frames
-
-
-def fit_linear_law(train: HeldOut) -> Integrate:
-    """Least squares for the next state and velocity, linear in both and in the inputs, with a constant.
-
-    Source: dynamic mode decomposition with control, DOI 10.1137/15M1013857.
-    """
-    frames = select_frames(train, ahead=1 + max(0, *train.stencil))
-    now, after = (np.hstack(initial_states(train, at)) for at in (frames, frames + 1))
-    known = np.hstack([now, train.forcing[frames], np.ones((len(frames), 1))])
-    law = np.linalg.lstsq(known, after)[0]
-
-    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
-        del steps_s  # the law advances by one frame a step
-        state, states = np.hstack([q0, v0]), [q0]
-        for number in range(inputs.shape[1] - 1):
-            with np.errstate(over="ignore", invalid="ignore"):  # a law that grows is counted as diverged
-                state = np.hstack([state, inputs[:, number], np.ones((len(q0), 1))]) @ law
-            states.append(state[:, : q0.shape[1]])
-        return np.stack(states, axis=1)
-
-    return integrate
 
 
 def make_neighbour_search(train: HeldOut) -> Integrate:

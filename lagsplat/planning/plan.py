@@ -211,7 +211,7 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
         mine = _runs_of(own, own.choices["stage2"])
         runs += mine
         models = [("forecaster", name) for name in dict.fromkeys(own.forecasters)]
-        models.append(("ode", own.choices["ode"]))
+        models += [("ode", name) for name in dict.fromkeys(own.odes)]
         if own.authors.checkout is not None or own.authors.frames is not None:
             models.append(("authors", own.choices["authors"]))
         for kind, name in models:
@@ -380,6 +380,9 @@ def road_to(stage: str, experiment: Config) -> Road:
         "ode": (experiment.ode, "ode"),
         "ode_read": (extrapolation, "extrapolate_ode"),
         "ode_table": (None, "extrapolation"),
+        "peer": (experiment.ode, "ode"),
+        "peer_evaluate": (experiment.evaluate, "ode_evaluate"),
+        "peer_table": (None, "table"),
         "authors": (experiment.authors, "authors"),
         "authors_read": (extrapolation, "extrapolate_authors"),
         "authors_table": (None, "extrapolation"),
@@ -403,6 +406,7 @@ TRUNK_BEFORE = {
     "forecaster": ("recording",),
     "simple": ("recording", "views", "stage1", "chart"),
     "ode": ("recording", "stage1", "chart"),
+    "peer": ("recording", "views", "stage1", "chart"),
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),
     "field": ("recording", "stage1", "chart"),

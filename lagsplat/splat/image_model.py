@@ -121,7 +121,7 @@ def require_scene(scene: GaussianSlice, height: int, width: int) -> None:
     for name, tensor, shape in zip(scene._fields, scene, shapes, strict=True):
         if tuple(tensor.shape) != shape:
             wanted = "(" + ", ".join(str(size) for size in shape) + ")"
-            if shape == shared:
+            if shape is shared:  # the sizes of opacity can be the same numbers
                 wanted += ", or one for each image, as covariance and color have it together"
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {wanted}")
         if not tensor.is_floating_point() or tensor.dtype != means.dtype:

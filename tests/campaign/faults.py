@@ -174,7 +174,8 @@ def run_once(campaign: Campaign, folder: Path, longest_s: float, disturb: Distur
     """Start the workflow, disturb it at a random moment; whether it came to its end."""
     finished = list_finished(folder)
     driver = campaign.start(folder)
-    moment = campaign.chance.uniform(0.0, longest_s)
+    # A later moment of one start is an earlier one of the next, which goes on where this one ends.
+    moment = campaign.chance.uniform(0.0, longest_s / 2)
     try:
         driver.wait(moment)
     except subprocess.TimeoutExpired:

@@ -220,6 +220,8 @@ def swap_lines(data: bytes, rng: random.Random) -> bytes:
 def odd_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     """An array of another shape, type or content, as another program might write it."""
     flat = np.array(array, copy=True)
+    if not flat.ndim:
+        return rng.choice((flat[None], flat.astype(str), np.array(rng.choice(NUMBERS))))
     if flat.size and flat.dtype.kind == "f" and rng.random() < 0.5:
         flat.reshape(-1)[rng.randrange(flat.size)] = float(rng.choice(NUMBERS[:9]))
         return flat
@@ -416,12 +418,14 @@ class Worker:
         self.tried, self.child = 0, os.fork()
         if self.child == 0:
             os.close(self._ask), os.close(self._answer)
-            set_bounds()
-            with os.fdopen(asks) as numbers, os.fdopen(answers, "w") as told:
-                for line in numbers:
-                    wrong = original.try_input(seed, int(line), within_time)
-                    print(json.dumps(wrong), file=told, flush=True)
-            os._exit(0)
+            try:
+                set_bounds()
+                with os.fdopen(asks) as numbers, os.fdopen(answers, "w") as told:
+                    for line in numbers:
+                        wrong = original.try_input(seed, int(line), within_time)
+                        print(json.dumps(wrong), file=told, flush=True)
+            finally:  # before the parent's context managers end here as well
+                os._exit(0)
         os.close(asks), os.close(answers)
         self._answers = os.fdopen(self._answer)
 

@@ -23,6 +23,10 @@ FOUND = [
     ("safetensors", 1, 47),
     ("safetensors", 1, 52),
     ("robomimic", 3, 82),  # HDF5: never came back from a damaged heap
+    ("safetensors", 21, 49),
+    ("parquet", 31, 45),  # what pandas notes beside the columns: KeyError
+    ("parquet", 31, 4218),  # the same: TypeError
+    ("db3", 31, 2535),  # SQLite: MemoryError
     ("mjcf", 12, 239),  # MuJoCo: a warning in a file in the working directory
 ]
 NEW = [(kind, 0, number) for kind in FORMATS if kind != "mat" for number in range(4)]

@@ -128,6 +128,7 @@ def test_every_target_plans_and_groups_for_clusters_depend_on_nothing_that_waits
         "attention",
         "forecaster",
         "ode",
+        "ode_evaluate",
         "extrapolate",
         "extrapolate_forecaster",
         "extrapolate_ode",

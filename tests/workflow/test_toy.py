@@ -20,7 +20,8 @@ KEPT = Path(".snakemake/lagsplat-planning.sqlite")
 ANSWERS = ROOT / KEPT
 TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
-SIMPLE = (MEAN_IMAGE, "Hold", "Nearest neighbour", "Linear least squares")
+SIMPLE = (MEAN_IMAGE, "Hold", "Nearest neighbour")
+REGRESSED = ("Linear least squares", "Koopman least squares", "Gaussian process")
 EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
 FORCES = {"forces", "force", "force_map", "force_space", "force_invariants", "force_truth"}
 HERE = Path("results/toy/simulated/toy")
@@ -131,7 +132,7 @@ def test_the_table_says_what_it_is_of(results: Path) -> None:
     assert said == {
         "LaGSplat": ("2", "anywhere"),
         "LaGSplat (constant)": ("2", "anywhere"),
-        **dict.fromkeys(SIMPLE, ("2", "none")),
+        **dict.fromkeys((*SIMPLE, *REGRESSED, "Hamiltonian ODE"), ("2", "none")),
         "Osc. + ABCD": ("4", "at 2 centres"),
         "Koopman + deconv": ("4", "none"),
     }
@@ -148,7 +149,7 @@ def test_every_system_has_its_free_rollouts_and_its_truth(results: Path) -> None
         with (results / f"results/tables/{name}.csv").open(encoding="utf-8") as file:
             tables[name] = list(csv.DictReader(file))
         assert (results / f"results/tables/{name}.tex").stat().st_size
-    assert [row["method"] for row in tables["physical"]] == ["LaGSplat", *SIMPLE]
+    assert [row["method"] for row in tables["physical"]] == ["LaGSplat", *SIMPLE, *REGRESSED]
     assert {(row["system"], row["d"], row["n_seeds"]) for row in tables["physical"]} == {("toy", "2", "1")}
     quantities = {row["quantity"].partition(",")[0] for row in tables["truth"]}
     assert quantities >= {"frequency of mode 1", "decay rate of mode 1", "equilibrium"}
@@ -158,7 +159,7 @@ def test_every_model_is_followed_past_its_training_frames(results: Path) -> None
     with (results / "results/tables/extrapolation.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     models = {row["model"] for row in rows}
-    assert {"LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"} == models
+    assert {"LaGSplat", "key-point forecaster (re-implementation)", "Hamiltonian ODE"} == models
     ours = {row["measure"]: row for row in rows if row["model"] == "LaGSplat"}
     assert 10.0 < float(ours["psnr_mean"]["value"]) <= float(ours["floor"]["value"]) + 3.0
     found = json.loads((results / THERE / "default-0/default-0/extrapolation/run.json").read_text("utf-8"))
@@ -313,6 +314,7 @@ def test_a_setting_of_the_scores_trains_nothing(source: Path, results: Path) -> 
     assert jobs(source, results, TOY + " evaluate.starts=9") == {
         *SCORED,
         "baseline_evaluate",
+        "ode_evaluate",
         "simple_predictors",
     }
 

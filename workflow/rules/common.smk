@@ -153,6 +153,15 @@ def simple_predictors(chosen, output):
     ]
 
 
+def ode_runs():
+    """Wildcards of every differential equation over the autoencoders of the pneumatic arms."""
+    return [
+        {**model, "ode": ode, "seed": model["ae"]}
+        for model in image_models(krauss_runs())
+        for ode in dict.fromkeys(section("odes")(model))
+    ]
+
+
 def baseline_runs():
     """Wildcards of every baseline beside them."""
     return [asdict(run) for run in planned_baselines(overrides)]

@@ -60,9 +60,41 @@ rule ode:
         code=script_digest(SCRIPTS / "baselines/ode.py"),
         checkpoint="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/checkpoint/state.pt",
     message:
-        "Free differential equation of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
+        "Differential equation {wildcards.ode} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
     script:
         "../scripts/baselines/ode.py"
+
+
+rule ode_evaluate:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        model=rules.ode.output.model,
+        records=[rules.chart.output.record, rules.ode.output.record],
+    output:
+        metrics=update(
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/metrics.json"
+        ),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/evaluate.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/evaluate.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/odes/{ode}-{seed}/evaluate.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime=20,
+    params:
+        cfg=section("evaluate"),
+        before=before("peer_evaluate"),
+        code=script_digest(SCRIPTS / "baselines/ode_evaluate.py"),
+    message:
+        "Score differential equation {wildcards.ode} of {wildcards.system} ({wildcards.recording}), seed {wildcards.seed}"
+    script:
+        "../scripts/baselines/ode_evaluate.py"
 
 
 rule extrapolate:
@@ -174,6 +206,6 @@ rule extrapolate_ode:
         ],
         code=script_digest(SCRIPTS / "extrapolation/extrapolate_ode.py"),
     message:
-        "Carry the free differential equation of {wildcards.system} ({wildcards.recording}) on, {wildcards.trial}"
+        "Carry differential equation {wildcards.ode}-{wildcards.trial} of {wildcards.system} ({wildcards.recording}) on"
     script:
         "../scripts/extrapolation/extrapolate_ode.py"

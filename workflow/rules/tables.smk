@@ -3,6 +3,12 @@ rule table:
         metrics=gathered(krauss_runs, "metrics"),
         simple=simple_predictors(krauss_runs, "metrics"),
         simple_records=simple_predictors(krauss_runs, "record"),
+        odes=lambda wildcards: [
+            rules.ode_evaluate.output.metrics.format(**run) for run in ode_runs()
+        ],
+        ode_records=lambda wildcards: [
+            rules.ode_evaluate.output.record.format(**run) for run in ode_runs()
+        ],
         baselines=lambda wildcards: [
             rules.baseline_evaluate.output.metrics.format(**run)
             for run in baseline_runs()
@@ -35,11 +41,13 @@ rule table:
     params:
         runs=lambda wildcards: krauss_runs(),
         image_models=lambda wildcards: image_models(krauss_runs()),
+        odes=lambda wildcards: ode_runs(),
         baselines=lambda wildcards: baseline_runs(),
         titles=lambda wildcards: titles(krauss_runs()),
         before=lambda wildcards: [
             *(before("table")(run) for run in krauss_runs()),
             *(before("simple_table")(model) for model in image_models(krauss_runs())),
+            *(before("peer_table")(run) for run in ode_runs()),
             *(before("baseline_table")(run) for run in baseline_runs()),
         ],
         code=script_digest(SCRIPTS / "report/table.py"),

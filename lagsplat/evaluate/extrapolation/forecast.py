@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from lagsplat.baselines.neural_ode import NeuralOde, continue_rollout
+from lagsplat.baselines.neural_ode import LatentOde, roll_out_ode
 from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.extrapolation.oscillation import (
     compare_oscillations,
@@ -199,11 +199,12 @@ def _summary(values: np.ndarray) -> dict[str, Any]:
     }
 
 
-def extrapolate_ode(scene: Scene, ode: NeuralOde) -> dict[str, Any]:
+def extrapolate_ode(scene: Scene, ode: LatentOde) -> dict[str, Any]:
     """The measures of `score_extrapolation` for a neural ODE on the chart of the run."""
 
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
-        return continue_rollout(ode, q0, v0, states=states, dt_s=scene.clip.dt_s)
+        undriven = np.tile(ode.input_mean.numpy(), (len(q0), states, 1))
+        return roll_out_ode(ode, q0, v0, undriven, scene.clip.dt_s)
 
     return score_extrapolation(make_law_predictor(scene, roll_out), scene)
 

@@ -77,7 +77,8 @@ class Recording:
         require(rows, self.source, f"inputs of shape {inputs.shape}; give ({n}, n_u), one row a frame")
         n_u, names, units = inputs.shape[1], self.input_names, self.input_units
         problem = f"inputs with {n_u} columns, names {names} and units {units}"
-        one_each = len(names) == len(units) == len(set(names)) == n_u
+        texts = all(isinstance(word, str) for word in (*names, *units))
+        one_each = texts and len(names) == len(units) == len(set(names)) == n_u
         require(one_each, self.source, f"{problem}; give every column one name of its own and one unit")
         bad = np.argwhere(~np.isfinite(inputs))
         if bad.size:

@@ -50,8 +50,9 @@ def read_sqlite_messages(path: StrPath, losses: list[str]) -> Iterator[tuple[Sch
                     continue
                 yield schemas[topic], channels[topic], Message(topic, time_ns, data, time_ns, count)
                 count += 1
-        except sqlite3.DatabaseError as error:
-            losses.append(f"the database is damaged or cut short ({error}) after its message {count}")
+        except (sqlite3.DatabaseError, MemoryError) as error:  # a damaged length may be beyond any memory
+            reason = str(error) or type(error).__name__
+            losses.append(f"the database is damaged or cut short ({reason}) after its message {count}")
         if orphans:
             losses.append(f"{orphans} messages belong to a topic that is lost")
 

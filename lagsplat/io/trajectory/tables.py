@@ -10,6 +10,7 @@ from tokenize import TokenError
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from lagsplat.io.trajectory.columns import TIME, Table, list_arrays, refuse_twins
 from lagsplat.io.trajectory.hdf5 import HDF5_SUFFIXES, read_hdf5
@@ -62,12 +63,12 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
 
 def _from_parquet(path: Path) -> Table:
     try:
-        frame = pd.read_parquet(path)
+        # Without what pandas notes beside the columns: an index is a column, and damaged notes are not read.
+        frame = pq.read_table(path).to_pandas(ignore_metadata=True)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: damaged or not a Parquet file ({error}); write it again") from error
-    if any(frame.index.names):
-        frame = frame.reset_index()
     frame.columns = pd.Index([str(name).strip() for name in frame.columns])
+    frame = frame.loc[:, ~frame.columns.str.fullmatch(r"__index_level_\d+__")]
     refuse_twins(str(path), list(frame.columns))
     return Table(path.name, list_arrays(frame), np.arange(len(frame)))
 

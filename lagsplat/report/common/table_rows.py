@@ -113,7 +113,7 @@ def build_row(
         "recording": recording,
         "profile": profile,
         "n_seeds": aggregated["n_seeds"],
-        "rollouts": aggregated["rollouts"],
+        **{name: aggregated[name] for name in ("rollouts", "windows", "long_windows")},
         "spread": aggregated["spread"],
         "source": aggregated["recording"].get("source"),
         **aggregated["training"],

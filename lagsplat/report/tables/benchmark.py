@@ -25,7 +25,7 @@ CONSTANT_DYNAMICS = "constant"  # conf/stage2/constant.yaml
 BENCHMARK_COLUMNS = (
     *("robot", "method", "dynamics", "d", *MEASURED, "margin", "margin_low", "margin_high", "external_force"),
     *("converged", "diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
-    *("rollouts", "source"),
+    *("rollouts", "windows", "source"),
 )
 MARGIN_COLUMNS = (
     *("robot", "dynamics", "baseline", "score", "value", "low", "high", "relative", "decided", "windows"),
@@ -187,6 +187,7 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
             note="External force: where a force given in the image can act.",
         ),
         make_count_column("steps", "Steps", note="Steps: of training the image model, or a baseline."),
+        make_count_column("windows", "Windows", note="Windows: of half a second that do not overlap."),
     ]
     shared["caption"] = f"Held-out part of each recording. {table_rows.describe_runs(table)}"
     lead = "Forecasts of the pneumatic arms"

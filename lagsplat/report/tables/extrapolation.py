@@ -19,16 +19,25 @@ from lagsplat.report.common.published_values import RECORDING
 from lagsplat.report.common.table_rows import name_block, take_median, tell_of_paper
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
+HAMILTONIAN = "Hamiltonian ODE"
 AUTHORS = "GaussianPrediction (the authors' code)"
 PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
 SHORT_TITLES = {
     OURS: "LaGSplat",
     FORECASTER: "Key points",
     FREE: "Neural ODE",
+    HAMILTONIAN: "Hamiltonian ODE",
     AUTHORS: "GaussianPrediction",
     PAPER_TITLES["LaGSplat"]: "LaGSplat",
     PAPER_TITLES["GaussianPrediction"]: "GaussianPrediction",
 }
+MODEL_NAMES = {
+    ("ode", "default"): FREE,
+    ("ode", "hamiltonian"): HAMILTONIAN,
+    ("forecaster", "keypoints"): FORECASTER,
+    ("authors", "default"): AUTHORS,
+}
+USUAL_MODEL = {"ode": "default", "forecaster": "keypoints", "authors": "default"}
 EXTRAPOLATION_COLUMNS = (
     *("system", "model", "measure", "value", "low", "high", "n_seeds", "n_measured", "sigma", "note"),
     *("recording", "profile"),
@@ -148,9 +157,9 @@ def name_model(run: Mapping[str, Any]) -> str:
     """Name a run, or the model beside it, as tables do; a variant's file is named with it."""
     if "kind" not in run:
         return OURS
-    name = {"ode": FREE, "forecaster": FORECASTER, "authors": AUTHORS}[run["kind"]]
-    usual = "keypoints" if run["kind"] == "forecaster" else "default"
-    return name if run["model"] == usual else f"{name}, {run['model']}"
+    kind, model = str(run["kind"]), str(run["model"])
+    known = MODEL_NAMES.get((kind, model))
+    return known or f"{MODEL_NAMES[kind, USUAL_MODEL[kind]]}, {model}"
 
 
 def build_extrapolation_table(models: Sequence[ModelResults]) -> pd.DataFrame:

@@ -52,6 +52,7 @@ PAPER_ROBOT = "krauss_2seg"
 PHYSICAL_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "ae_floor")
 PHYSICAL_COLUMNS = (
     *("system", "d", *PHYSICAL_SCORES, "diverged", "recording", "profile", "n_seeds", "rollouts", "method"),
+    "long_windows",
 )
 
 RECIPE_SCORES = ("frequency_error", "latent_nrmse", "image_ratio", "mse_half_second")
@@ -330,6 +331,7 @@ def lay_out_physical(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[
         *_make_rollout_columns(),
         _make_ratio_column(),
         make_number_column("ae_floor", "AE floor", "(10⁻⁴)", scale=1e4),
+        make_count_column("long_windows", "Windows", note="Windows: of two periods that do not overlap."),
         table_rows.make_diverged_column(),
     ]
     return [

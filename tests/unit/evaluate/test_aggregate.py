@@ -35,7 +35,11 @@ def run(mse: float, *, frequency_error: float | None = 0.05, diverged: int = 0, 
             "rollouts": 101,
         },
         "intervals": {"mse_half_second": [0.9 * mse, 1.1 * mse], "frequency_error": [None, None]},
-        "forecast": {"per_window": per_window.tolist(), "starts": list(range(0, 1500, 30)), "states": 30},
+        "forecast": {
+            **{"per_window": per_window.tolist(), "starts": list(range(0, 1500, 30)), "states": 30},
+            "distinct": 50,
+        },
+        "latent": {"distinct": 12},
         "frequency": {"n_windows": 1, "estimator": "spectral peak"},
     }
 
@@ -68,6 +72,7 @@ def test_missing_scores_are_counted_and_divergence_is_summed():
     assert row["scores"]["frequency_error"]["n"] == 1
     assert row["diverged"] == 7
     assert row["rollouts"] == 202
+    assert (row["windows"], row["long_windows"]) == (50, 12)
     assert aggregate([run(1.0, frequency_error=None)])["scores"]["frequency_error"]["median"] is None
 
 

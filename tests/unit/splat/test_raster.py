@@ -151,6 +151,7 @@ def test_auto_draws_on_the_cpu_with_numba():
     )
 
 
-def test_an_unknown_rasteriser_lists_the_choices():
-    with pytest.raises(ValueError, match="'opengl': choose one of auto, torch, numba, gsplat"):
-        rasterize(**scene(), height=10, width=10, backend="opengl")
+@pytest.mark.parametrize("backend", ["opengl", ""])
+def test_an_unknown_rasteriser_lists_the_choices(backend):
+    with pytest.raises(ValueError, match=f"'{backend}': choose one of auto, torch, numba, gsplat"):
+        rasterize(**scene(), height=10, width=10, backend=backend)

@@ -1,9 +1,10 @@
-"""Fit a free neural differential equation to the training part of a chart."""
+"""Fit a neural differential equation to the training part of a chart."""
 
 from pathlib import Path
 
 from lagsplat.baselines.config import OdeConfig
-from lagsplat.baselines.neural_ode import fit_ode, save_ode
+from lagsplat.baselines.neural_ode import save_ode
+from lagsplat.baselines.neural_ode_fit import fit_ode
 from lagsplat.chart.chart import load_chart
 from lagsplat.io.files.atomic import save_csv
 from lagsplat.planning.job import Job

@@ -1,4 +1,4 @@
-"""Measure a free neural differential equation far past its training frames."""
+"""Measure a neural differential equation far past its training frames."""
 
 from lagsplat.baselines.neural_ode import load_ode
 from lagsplat.chart.chart import load_chart

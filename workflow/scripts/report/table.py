@@ -8,8 +8,8 @@ from lagsplat.report.tables.benchmark import build_benchmark_rows, build_benchma
 
 with Job(snakemake) as job:
     ours, theirs = ([load_json(path) for path in paths] for paths in (job.input.metrics, job.input.baselines))
-    simple = [load_json(path)["predictors"] for path in job.input.simple]
-    simple_rows = build_simple_rows(job.params.image_models, simple)
+    simple = [load_json(path)["predictors"] for path in [*job.input.simple, *job.input.odes]]
+    simple_rows = build_simple_rows([*job.params.image_models, *job.params.odes], simple)
     rows = build_benchmark_rows(job.params.runs, ours, job.params.baselines, theirs, simple_rows)
     table = build_benchmark_table(rows)
     write_tables(job.output, table, lay_out_benchmark(table, titles=job.params.titles))

@@ -111,7 +111,7 @@ function show(page, now) {
   byId("banner").textContent = banner;
   byId("banner").classList.toggle("said", banner !== "");
   page.picture.classList.toggle("beyond", beyond);
-  if (page.frames % 3 === 0) Object.values(charts).forEach((chart) => chart.draw());
+  if (page.frames % 6 === 0) Object.values(charts).forEach((chart) => chart.draw());
   if (now > page.counted + 1000) showRates(page, now);
 }
 
@@ -121,10 +121,11 @@ function showRates(page, now) {
   const late = sorted.length ? ` · drag to picture ${sorted[sorted.length >> 1].toFixed(0)} ms` : "";
   byId("rates").textContent =
     `${page.session.time.toFixed(1)} s · ${rate(page.steps)} steps/s · ${rate(page.frames)} pictures/s${late}`;
+  const begun = Boolean(page.rates); // the first second also loads the page
   Object.assign(page, { counted: now, frames: 0, steps: 0, rates: [rate(page.steps), rate(page.frames)] });
   Object.values(page.charts).forEach((chart) => chart.tell());
   const { splats } = page;
-  if (page.rates[1] < SMOOTH) splats.resize(Math.max(COARSEST, Math.round(0.7 * splats.side)));
+  if (begun && page.rates[1] < SMOOTH) splats.resize(Math.max(COARSEST, Math.round(0.7 * splats.side)));
 }
 
 function line(id, from, to) {
@@ -134,14 +135,14 @@ function line(id, from, to) {
 
 /** Where a first drag may begin, and where to, until there was one. */
 function showHint({ session, run, pointers, view, scale }) {
-  for (const id of ["hint", "ghost"]) byId(id).classList.toggle("gone", Boolean(session.everHeld));
+  for (const id of ["hint", "ghost", "ghost-hand"]) byId(id).classList.toggle("gone", Boolean(session.everHeld));
   if (session.everHeld) return;
-  const place = view.seen(view.matter.carry(session.run.rest, [pointers.lever])[0]);
-  const tip = plus(place, run.leverWay, 0.3 * run.splats.height);
-  line("ghost-way", ...[place, tip].map((at) => at.map((x) => x * scale)));
-  byId("ghost-hand").setAttribute("cx", place[0] * scale);
-  byId("ghost-hand").setAttribute("cy", place[1] * scale);
-  tip.forEach((x, i) => byId("ghost").style.setProperty(["--way-x", "--way-y"][i], `${(x - place[i]) * scale}px`));
+  const place = view.seen(view.matter.carry(session.run.rest, [pointers.lever])[0]).map((x) => x * scale);
+  const tip = plus(place, run.leverWay, 0.3 * run.splats.height * scale);
+  line("ghost", place, tip);
+  const { style } = byId("ghost-hand");
+  [style.left, style.top] = place.map((x) => `${x}px`);
+  tip.forEach((x, i) => style.setProperty(["--way-x", "--way-y"][i], `${x - place[i]}px`));
 }
 
 function showHand(page) {

@@ -3,15 +3,15 @@
 // is at a state, its place and its presence, is worked out on the graphics card from a texture of its constants. How it is
 // seen, `FLATTEN`, is told by the view: page/plane.js or page/space.js.
 
+const CORNERS = 6; // of what is drawn for a Gaussian: a hexagon around the ellipse beyond which it is not seen
+
 const VERTEX = `#version 300 es
 precision highp float;
 uniform highp sampler2D constants;
 uniform float q[LATENTS];
 uniform vec2 size;      // of the drawn picture [px]
 uniform vec2 stretch;   // drawn pixels a pixel of the training resolution
-in uint which;
-out vec2 away;
-flat out vec3 conic;
+out vec2 away;          // from the middle, in standard deviations
 flat out vec4 paint;    // colour, opacity
 float number(int k, int i) {
   int at = k * ROW + i / 4;
@@ -19,7 +19,7 @@ float number(int k, int i) {
 }
 FLATTEN
 void main() {
-  int k = int(which);
+  int k = gl_VertexID / CORNERS;
   float place[SPACE];
   for (int c = 0; c < SPACE; c++) {
     place[c] = number(k, c);
@@ -39,26 +39,24 @@ void main() {
   covariance *= vec3(stretch.x * stretch.x, stretch.x * stretch.y, stretch.y * stretch.y);
   float xx = covariance.x + 0.3, xy = covariance.y, yy = covariance.z + 0.3;
   float determinant = xx * yy - xy * xy;
-  conic = vec3(yy, -xy, xx) / determinant;
   if (!drawn || !(opacity >= 1.0 / 255.0) || !(determinant > 0.0)) {
     gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
     return;
   }
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-  away = corner * (sqrt(2.0 * log(255.0 * opacity) * vec2(xx, yy)) + 1.0);
-  vec2 at = (middle * stretch + away) / size * 2.0 - 1.0;
+  float angle = float(gl_VertexID % CORNERS) * ${(2 * Math.PI) / CORNERS};
+  away = sqrt(2.0 * log(255.0 * opacity)) * ${1.01 / Math.cos(Math.PI / CORNERS)} * vec2(cos(angle), sin(angle));
+  vec2 offset = vec2(sqrt(xx) * away.x, (xy * away.x + sqrt(determinant) * away.y) / sqrt(xx));
+  vec2 at = (middle * stretch + offset) / size * 2.0 - 1.0;
   gl_Position = vec4(at.x, -at.y, 0.0, 1.0);
 }`;
 
 const FRAGMENT = `#version 300 es
 precision highp float;
 in vec2 away;
-flat in vec3 conic;
 flat in vec4 paint;
 out vec4 color;
 void main() {
-  float sigma = 0.5 * (conic.x * away.x * away.x + 2.0 * conic.y * away.x * away.y + conic.z * away.y * away.y);
-  float alpha = min(0.999, paint.a * exp(-sigma));
+  float alpha = min(0.999, paint.a * exp(-0.5 * dot(away, away)));
   if (alpha < 1.0 / 255.0) discard;
   color = vec4(paint.rgb * alpha, alpha);
 }`;
@@ -78,6 +76,7 @@ out vec4 color;
 void main() { color = vec4(clamp(texture(drawn, at).rgb, 0.0, 1.0), 1.0); }`;
 
 const WIDE = 2048;
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|basic render/i;
 
 class Splats {
   /** `view` holds the Gaussians, and tells in which order they are drawn, and where and how each is seen. */
@@ -88,7 +87,7 @@ class Splats {
     const { constants, count, d, space, rest } = view.gaussians;
     Object.assign(this, { gl, canvas, count, background, height, width, view });
     const row = view.gaussians.row / 4;
-    const numbers = { LATENTS: d, SPACE: space, REST: rest, ROW: row, WIDE };
+    const numbers = { LATENTS: d, SPACE: space, REST: rest, ROW: row, WIDE, CORNERS };
     const names = Object.entries(numbers).map(([name, number]) => `#define ${name} ${number}\n`).join("");
     this.program = this.build(VERTEX.replace("precision", names + "precision").replace("FLATTEN", view.shader), FRAGMENT);
     this.copy = this.build(COPY_VERTEX, COPY_FRAGMENT);
@@ -96,10 +95,9 @@ class Splats {
     const table = new Float32Array(rows * WIDE * 4);
     table.set(constants);
     this.table = this.texture(gl.RGBA32F, WIDE, rows, gl.FLOAT, table);
-    // many faint layers add up: eight bits a layer would show
-    this.precise = gl.getExtension("EXT_color_buffer_float") !== null;
-    this.nothing = gl.createVertexArray();
-    this.ordered = this.numbered();
+    this.kind = this.layerKind();
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    this.corners = new Uint32Array(3 * (CORNERS - 2) * count);
     this.resize(Math.max(width, height));
   }
   build(vertex, fragment) {
@@ -116,24 +114,35 @@ class Splats {
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     return program;
   }
-  /** One number for each drawn Gaussian: which it is. */
-  numbered() {
-    const { gl } = this;
-    const which = gl.getAttribLocation(this.program, "which");
-    const array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.enableVertexAttribArray(which);
-    gl.vertexAttribIPointer(which, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(which, 1);
-    return array;
+  /** The triangles in the order in which they are drawn, as indices: software draws instances one by one. */
+  arrange(order) {
+    const { gl, corners } = this;
+    let at = 0;
+    for (const k of order) {
+      for (let c = 2; c < CORNERS; c++) {
+        corners[at++] = CORNERS * k;
+        corners[at++] = CORNERS * k + c - 1;
+        corners[at++] = CORNERS * k + c;
+      }
+    }
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.DYNAMIC_DRAW);
   }
-  texture(format, width, height, type, data, filter = this.gl.NEAREST) {
+  /** Format in which layers add up, more precise than bytes, of which many faint ones would show. */
+  layerKind() {
+    const { gl } = this;
+    const debug = gl.getExtension("WEBGL_debug_renderer_info");
+    const drawer = gl.getParameter(debug ? debug.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+    if (!gl.getExtension("EXT_color_buffer_float")) return [gl.RGBA8, gl.UNSIGNED_BYTE];
+    // software spends half its time on turning numbers into halves and back
+    if (SOFTWARE.test(drawer) && gl.getExtension("EXT_float_blend")) return [gl.RGBA32F, gl.FLOAT];
+    return [gl.RGBA16F, gl.HALF_FLOAT];
+  }
+  texture(format, width, height, type, data) {
     const { gl } = this;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, gl.RGBA, type, data);
-    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, filter);
+    for (const key of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, key, gl.NEAREST);
     for (const key of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, key, gl.CLAMP_TO_EDGE);
     return texture;
   }
@@ -148,8 +157,7 @@ class Splats {
     canvas.width = Math.round(this.width * stretch);
     canvas.height = Math.round(this.height * stretch);
     if (this.layer) gl.deleteTexture(this.layer);
-    const kind = this.precise ? [gl.RGBA16F, gl.HALF_FLOAT] : [gl.RGBA8, gl.UNSIGNED_BYTE];
-    this.layer = this.texture(kind[0], canvas.width, canvas.height, kind[1], null, gl.LINEAR);
+    this.layer = this.texture(this.kind[0], canvas.width, canvas.height, this.kind[1], null);
     this.target = this.target || gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.layer, 0);
@@ -158,8 +166,7 @@ class Splats {
     const { gl, canvas, program } = this;
     if (this.side !== this.prepared) this.prepare(this.side);
     const place = (name) => gl.getUniformLocation(program, name);
-    gl.bindVertexArray(this.ordered);
-    gl.bufferData(gl.ARRAY_BUFFER, this.view.order(q), gl.DYNAMIC_DRAW);
+    this.arrange(this.view.order(q));
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(...this.background, 1);
@@ -172,10 +179,9 @@ class Splats {
     this.view.tell(gl, place);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.drawElements(gl.TRIANGLES, this.corners.length, gl.UNSIGNED_INT, 0);
     gl.disable(gl.BLEND);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.bindVertexArray(this.nothing);
     gl.useProgram(this.copy);
     gl.bindTexture(gl.TEXTURE_2D, this.layer);
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);

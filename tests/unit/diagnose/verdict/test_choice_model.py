@@ -70,7 +70,11 @@ def test_a_wider_prior_bends_more() -> None:
 
 def test_the_calibrated_model_weighs_the_features_that_are_computed(tmp_path) -> None:
     assert load_choice_model().names == NAMES
-    other = tmp_path / "model.json"
-    other.write_text(json.dumps({"weights": {"effect": 1.0}}))
-    with pytest.raises(ValueError, match="calibrate again"):
-        load_choice_model(other)
+    known = dict.fromkeys(NAMES, 1.0)
+    few, more = known | {}, known | {"zeal": 1.0}
+    del few["effect"]
+    for name, weights in (("effect", few), ("zeal", more)):
+        other = tmp_path / f"{name}.json"
+        other.write_text(json.dumps({"weights": weights}))
+        with pytest.raises(ValueError, match=rf"{name}\.json: {name}: weights of other .*calibrate again"):
+            load_choice_model(other)

@@ -1,12 +1,15 @@
 """The most probable alternative is the verdict, and every name has a probability."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lagsplat.diagnose.core.config import VERDICT
 from lagsplat.diagnose.effects.registry import catalogue
 from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_model
 from lagsplat.diagnose.verdict.features import NAMES
-from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives
+from lagsplat.diagnose.verdict.judgement import Judgement, judge_alternatives, name_main_causes
 from tests.unit.diagnose.verdict.made_alternatives import NONE, Alternatives, Measures, alternatives, effect
 
 CATALOGUE = tuple(catalogue())
@@ -89,3 +92,48 @@ def test_the_calibrated_model_says_what_no_one_doubts() -> None:
     poor = effect("creep", misfit=60.0, log_evidence=90.0, error=0.9, gain_z=1.0, memory=25.0, surprise=9.0)
     lost = Measures(**{**vars(NONE), "misfit": 90.0, "error": 1.0})
     assert judge(alternatives(poor, none=lost), model).verdict == "unknown"
+
+
+def test_sets_add_to_the_probability_of_their_main_effect_and_the_likeliest_explains() -> None:
+    """With equal chances, two of the four alternatives stand for creep; of these the first is taken."""
+    pair = effect("creep", "input_lag", log_evidence=300.0)
+    made = alternatives(effect("creep"), pair)
+    said = judge(made, weigh())
+    assert said.probabilities["creep"] == pytest.approx(0.5)
+    assert said.probabilities["none"] == said.probabilities["unknown"] == pytest.approx(0.25)
+    assert said.probabilities["input_lag"] == 0.0
+    likelier = judge(made, weigh(more_effects=2.0))
+    assert likelier.best is made.fits[2]
+    assert judge(made, weigh(more_effects=-2.0)).best is made.fits[1]
+
+
+def test_an_effect_that_was_not_fitted_alone_is_no_main_cause_beside_one_that_was() -> None:
+    pair = effect("creep", "input_lag")
+    poor = effect("input_lag", log_evidence=-50.0)
+    assert name_main_causes((NONE, pair, poor)) == ("none", "input_lag", "input_lag", "unknown")
+
+
+def test_equivalent_effects_are_the_fewest_that_hold_the_credible_share() -> None:
+    """Chances of 8, 2 and 1 of 11: the first two hold more than nine tenths."""
+    singles = [effect(name, log_evidence=x) for name, x in (("creep", 8), ("input_lag", 2), ("end_stop", 1))]
+    made = alternatives(*[replace(m, log_evidence=m.log_evidence - 1.0) for m in singles])
+    assert VERDICT.credible == 0.9
+    assert judge(made, weigh(evidence=1.0)).equivalent == (("creep", "input_lag"),)
+    sure = alternatives(effect("creep", log_evidence=99.0), *singles[1:])
+    assert judge(sure, weigh(evidence=1.0)).equivalent == ()
+
+
+def test_a_rejection_changes_nothing_but_the_two_names() -> None:
+    said = judge(alternatives(effect("creep"), effect("input_lag", log_evidence=290.0)))
+    other = said.reject("unknown")
+    assert (other.verdict, other.equivalent, other.best) == ("unknown", (), said.best)
+    assert said.equivalent == (("creep", "input_lag"),)
+    assert other.probabilities["unknown"] == said.probabilities["creep"]
+    assert other.probabilities["input_lag"] == said.probabilities["input_lag"]
+    values = list(other.probabilities.values())
+    assert values == sorted(values, reverse=True)
+
+
+def test_what_the_first_name_is_rejected_for_may_be_itself() -> None:
+    said = judge(alternatives(effect("creep", log_evidence=1.0)), weigh(evidence=1.0, none=4.0))
+    assert said.reject("none").probabilities == said.probabilities

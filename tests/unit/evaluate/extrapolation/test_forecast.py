@@ -195,10 +195,10 @@ def test_a_forecaster_and_a_free_equation_are_measured_alike(scene, film) -> Non
     )
     forecaster.keys.gather(forecaster.scene.place.detach(), forecaster.scene.feature.detach(), seed=0)
     pictures = extrapolate_forecaster(scene, forecaster.eval())
-    ode = NeuralOde(1, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
+    ode = NeuralOde(1, 0, hidden=8, layers=1, method="rk4", time_unit_s=0.1)
     with torch.no_grad():
-        ode.head.weight.zero_()
-        ode.head.bias.zero_()
+        ode.network[-1].weight.zero_()
+        ode.network[-1].bias.zero_()
     still = extrapolate_ode(scene, ode)
     assert set(still) < set(pictures)
     assert pictures["own"]["fitted_psnr"] > 0

@@ -2,6 +2,7 @@
 
 import json
 import math
+import resource
 from pathlib import Path
 
 import pytest
@@ -69,3 +70,16 @@ def test_a_store_of_mlflow_holds_metrics_settings_and_names(
     assert run.data.metrics == {"loss": 0.5, "likelihood.loss": 0.25}
     assert run.data.params == {"cfg.rate.encoder": "0.001", "seed": "3"}
     assert client.get_metric_history(run.info.run_id, "likelihood.loss")[0].step == 24
+
+
+def test_lines_that_a_full_disk_cuts_short_are_told(here: Path) -> None:
+    """A limit on the size of files stands for the disk: the write takes what fits."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50, hard))
+    try:
+        with pytest.raises(OSError, match="the disk is full; the lines of stage1 are cut short there"):
+            track("jsonl", ROWS, run="results/toy", rule="stage1", settings={})
+        with pytest.raises(OSError, match="the lines of stage2 are not kept there"):
+            track("jsonl", ROWS, run="results/toy", rule="stage2", settings={})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -5,7 +5,7 @@ import pytest
 
 from lagsplat.io.config import SplitConfig
 from lagsplat.io.recording.recording import Recording
-from lagsplat.io.recording.segments import split_train_held_out
+from lagsplat.io.recording.segments import find_crossing_frames, split_train_held_out
 
 
 def recording(n: int, *segments: tuple[int, int]) -> Recording:
@@ -73,3 +73,9 @@ def test_a_split_that_says_nothing_or_two_things_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         SplitConfig(*values)
+
+
+def test_a_forecast_crosses_into_the_held_out_part_of_one_clip() -> None:
+    assert find_crossing_frames([(0, 10), (10, 30)], 20) == (10, 20, 30)
+    with pytest.raises(ValueError, match="as it begins with a new clip; hold out the end of one"):
+        find_crossing_frames([(0, 10), (10, 30)], 10)

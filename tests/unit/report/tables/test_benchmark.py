@@ -38,6 +38,8 @@ def run(seed: int, *, origin: str = "simulated", d: int = 4, frequency_error: fl
         },
         "intervals": {"mse_half_second": [3.8e-4, 4.4e-4], "frequency_error": [None, None]},
         "frequency": {"n_windows": 1, "estimator": "spectral peak"},
+        "forecast": {"distinct": 50},
+        "latent": {"distinct": 12},
     }
 
 
@@ -145,6 +147,7 @@ def scored(mse: float, *, seed: int = 0, starts: int = 50, **scores: object) -> 
         "per_window": per_window.tolist(),
         "starts": list(range(0, 30 * starts, 30)),
         "states": 30,
+        "distinct": 50,
     }
     made["training"] = {"steps": 1000, "frames_seen": 32000, "wall_s": 100.0 + 100.0 * seed}
     return made
@@ -182,7 +185,7 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
         for part in (0, 1)
     )
     assert r"\,{\scriptsize [" in line
-    assert rest.endswith(r"& 1000 \\")
+    assert rest.endswith(r"& 1000 & 50 \\")
 
 
 def test_no_gain_is_given_over_a_baseline_that_is_no_better_than_the_mean_image():

@@ -152,6 +152,7 @@ def test_the_first_columns_are_those_agreed(rows):
         "n_seeds",
         "rollouts",
         "method",
+        "long_windows",
     )
     frame = build_physical_table(rows)
     assert tuple(frame.columns) == (*PHYSICAL_COLUMNS, "frequency_error_low", "frequency_error_high")
@@ -188,7 +189,7 @@ def test_every_recording_has_its_block(rows):
     ]
     text = format_latex(table)
     assert r"\emph{Pendulum \& co (simulated)}" in text
-    assert r"LaGSplat & 1 & 2.00 & 19.0 & 12.5 & 0.410 & 1/101" in text
+    assert r"LaGSplat & 1 & 2.00 & 19.0 & 12.5 & 0.410 & 12 & 1/101" in text
     assert r"LaGSplat & 1 & 3.40 & 30.8 & 14.5 & 0.930 & --" in text
 
 
