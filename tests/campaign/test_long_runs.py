@@ -44,9 +44,16 @@ def test_what_grows_is_found(growth: dict[str, float], found: int) -> None:
     assert len(judge(samples(**growth), 0.05)) == found
 
 
+def test_more_pictures_for_the_same_steps_are_no_slowdown() -> None:
+    lively = [replace(one, pictures=round(one.done**1.3)) for one in samples(cost=0.2)]
+    assert judge(lively, 0.05) == []
+    steady = [replace(one, pictures=one.done) for one in samples(cost=0.2)]
+    assert len(judge(steady, 0.05)) == 1
+
+
 def test_what_stops_is_found() -> None:
     halted = [replace(one, done=min(one.done, 1000)) for one in samples()]
-    assert judge(halted, 0.05) == ["view: yardsticks for one: nothing late"]
+    assert judge(halted, 0.05) == ["view: yardsticks for one, done: nothing late"]
     assert judge([replace(one, done=0) for one in samples()], 0.05) == ["view: nothing was done"]
 
 
