@@ -1,6 +1,5 @@
 """Data of a session: its history, the recording to start from, and the states that the recording covers."""
 
-from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -53,19 +52,22 @@ class SessionHistory:
 
 
 class HistoryBuffer:
-    """Ring buffer of the last ``rows`` steps, so that memory stays bounded."""
+    """Ring buffer of the last ``rows`` steps; the first takes the memory of all, so that it stays flat."""
 
     def __init__(self, *, dt_s: float, rows: int) -> None:
-        self.dt_s, self.widths = dt_s, [1]
-        self.rows: deque[np.ndarray] = deque(maxlen=max(1, rows))
+        self.dt_s, self.rows, self.added = dt_s, max(1, rows), 0
+        self.widths, self.table = [1], np.empty((0, 1))
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return min(self.added, self.rows)
 
     def add(self, clip: int, *parts: np.ndarray) -> None:
         """Append a row: ``clip`` and the other columns of `SessionHistory` in their order."""
-        self.widths = [1, *(len(part) for part in parts)]
-        self.rows.append(np.concatenate([[clip], *parts]))
+        if not self.added:
+            self.widths = [1, *(len(part) for part in parts)]
+            self.table = np.full((self.rows, sum(self.widths)), np.nan)
+        self.table[self.added % self.rows] = np.concatenate([[clip], *parts])
+        self.added += 1
 
     def read(self) -> SessionHistory:
         """The stored rows as arrays.
@@ -73,9 +75,10 @@ class HistoryBuffer:
         Raises:
             ValueError: the buffer is empty.
         """
-        if not self.rows:
+        if not self.added:
             raise ValueError("nothing has been recorded yet: let the simulation run, push it, and save again")
-        table = np.stack(list(self.rows))
+        oldest = self.added % self.rows if self.added > self.rows else 0
+        table = np.roll(self.table[: len(self)], -oldest, axis=0)
         clip, *parts = np.split(table, np.cumsum(self.widths)[:-1], axis=1)
         return SessionHistory(self.dt_s, clip[:, 0].astype(np.int64), *(part.copy() for part in parts))
 

@@ -1,14 +1,20 @@
 """A whole run in miniature, from real parts that nobody trained: it checks plumbing, not quality."""
 
+from pathlib import Path
+
 import numpy as np
 import torch
 
-from lagsplat.chart.chart import Chart, fit_chart
+from lagsplat.chart.chart import Chart, fit_chart, save_chart
 from lagsplat.chart.config import ChartConfig
-from lagsplat.io.recording.recording import Recording
-from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.io.recording.recording import Recording, save_recording
+from lagsplat.matter.field import save_matter
+from lagsplat.matter.film_registration import list_pixels
+from lagsplat.stage1.autoencoder import Autoencoder, save_autoencoder
 from lagsplat.stage2.config import FormConfig
+from lagsplat.stage2.fit import save_dynamics
 from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
+from tests.matter_fields import make_linear_matter
 
 DT_S = 1 / 60
 FREQUENCY_HZ, RATE_PER_S = 2.0, 0.5
@@ -107,3 +113,15 @@ def lagrangian(d: int = 2, *, n_inputs: int = 1, frequency_hz: float = FREQUENCY
         diffeo_lipschitz=0.9,
     )
     return Lagrangian(start, form=form, floors=Floors(1e-3, 1e-3, 1e-3), time_unit_s=TIME_UNIT_S, seed=0)
+
+
+def save_run(out: Path) -> None:
+    """Write such a run of one coordinate into a folder, with the matter that it can be pushed at."""
+    film, model = recording(120, tail=40), autoencoder(1)
+    save_recording(out / "recording.safetensors", film)
+    save_autoencoder(out / "autoencoder.safetensors", model, {})
+    save_chart(out / "chart.safetensors", chart(model, film), {})
+    save_dynamics(out / "dynamics.safetensors", lagrangian(1), {"report": {}})
+    pixels = list_pixels(16, 16)
+    sideways = torch.tensor([4.0, 0.0]).expand(len(pixels), 2)[..., None]
+    save_matter(out / "matter.safetensors", make_linear_matter(pixels, sideways), {})

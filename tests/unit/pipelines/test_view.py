@@ -7,20 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from lagsplat.chart.chart import save_chart
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.augmented.model import save_augmented
-from lagsplat.io.recording.recording import save_recording
-from lagsplat.matter.field import save_matter
-from lagsplat.matter.film_registration import list_pixels
 from lagsplat.pipelines import view as viewing
 from lagsplat.runs.run import open_run
-from lagsplat.stage1.autoencoder import save_autoencoder
-from lagsplat.stage2.fit import save_dynamics
-from tests.matter_fields import make_linear_matter
 from tests.oracle.test_augmented import sim
 from tests.unit.evaluate import tiny_run
 
@@ -28,14 +20,7 @@ from tests.unit.evaluate import tiny_run
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("results") / "quick/simulated/krauss_2seg/default-0/default-0"
-    film, model = tiny_run.recording(120, tail=40), tiny_run.autoencoder(1)
-    save_recording(out / "recording.safetensors", film)
-    save_autoencoder(out / "autoencoder.safetensors", model, {})
-    save_chart(out / "chart.safetensors", tiny_run.chart(model, film), {})
-    save_dynamics(out / "dynamics.safetensors", tiny_run.lagrangian(1), {"report": {}})
-    pixels = list_pixels(16, 16)
-    sideways = torch.tensor([4.0, 0.0]).expand(len(pixels), 2)[..., None]
-    save_matter(out / "matter.safetensors", make_linear_matter(pixels, sideways), {})
+    tiny_run.save_run(out)
     return out
 
 
