@@ -11,12 +11,31 @@ from lagsplat.forces.loaded_lagrangian import (
     rollout_under_force,
 )
 from lagsplat.forces.loads import ConstantLoad, make_no_load
-from lagsplat.stage2.lagrangian import LawEdits
+from lagsplat.monomials import draw_states, make_wide_ball
+from lagsplat.stage2.lagrangian import Lagrangian, LawEdits
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 
 PLAIN = {"mass": "constant", "damping": "constant", "potential": "quadratic", "actuation": "linear"}
+
+
+def compare_with_torch(lagrangian: Lagrangian, *, scale: float = 1.0) -> None:
+    """Accelerations with and without a force, and conservative forces, at random states of that size."""
+    law, d = NumpyLagrangian(lagrangian), lagrangian.d
+    draws = torch.randn(3, 7, d, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    q, v, force = scale * draws[0], draws[1], draws[2]
+    still = torch.zeros(7, lagrangian.n_inputs, dtype=torch.float64)
+    ready = lagrangian.prepare()
+    with torch.no_grad():
+        wanted = lagrangian.acceleration(q, v, still, ready=ready).numpy()
+        slope = -lagrangian.conservative_force(q, still, ready).numpy()
+        pushed = np.linalg.solve(lagrangian.mass(q).numpy(), force.numpy()[:, :, None])[:, :, 0]
+    np.testing.assert_allclose(law.acceleration(q.numpy(), v.numpy()), wanted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(-law.conservative_force(q.numpy()), slope, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        law.acceleration(q.numpy(), v.numpy(), None, force.numpy()), wanted + pushed, rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,20 +51,15 @@ PLAIN = {"mass": "constant", "damping": "constant", "potential": "quadratic", "a
     ],
 )
 def test_a_batch_accelerates_as_the_torch_law(d: int, n_inputs: int, changes: dict) -> None:
-    lagrangian = random_lagrangian(d, n_inputs, 3, **changes)
-    law = NumpyLagrangian(lagrangian)
-    q, v, force = torch.randn(3, 7, d, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    still = torch.zeros(7, n_inputs, dtype=torch.float64)
-    ready = lagrangian.prepare()
-    with torch.no_grad():
-        wanted = lagrangian.acceleration(q, v, still, ready=ready).numpy()
-        slope = -lagrangian.conservative_force(q, still, ready).numpy()
-        pushed = np.linalg.solve(lagrangian.mass(q).numpy(), force.numpy()[:, :, None])[:, :, 0]
-    np.testing.assert_allclose(law.acceleration(q.numpy(), v.numpy()), wanted, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(-law.conservative_force(q.numpy()), slope, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(
-        law.acceleration(q.numpy(), v.numpy(), None, force.numpy()), wanted + pushed, rtol=1e-9, atol=1e-9
-    )
+    compare_with_torch(random_lagrangian(d, n_inputs, 3, **changes))
+
+
+@pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])  # within the recorded range, about its edge, far outside
+@pytest.mark.parametrize(("d", "n_inputs"), [(1, 0), (3, 2)])
+def test_polynomials_are_clipped_as_those_of_the_torch_law(d: int, n_inputs: int, scale: float) -> None:
+    lagrangian = random_lagrangian(d, n_inputs, 3, terms="polynomial")
+    lagrangian.move_ball(draw_states(make_wide_ball(d, 1.0), 300, reach=1.0, seed=2))
+    compare_with_torch(lagrangian, scale=scale)
 
 
 @pytest.mark.parametrize("terms", ["networks", "polynomial"])
