@@ -17,7 +17,7 @@ VIEW = {"width": 760, "height": 520}  # smaller, and a notice of viser covers th
 
 def opened(chromium, live):
     """A tab in which the first picture is seen."""
-    tab = chromium.new_page(viewport=VIEW)
+    tab = chromium.new_page(viewport=VIEW, color_scheme="dark")  # beside white, the object would be lost
     tab.set_default_timeout(1000 * PATIENCE_S)
     tab.goto(live.url)
     until(lambda: len(live.server.get_clients()) > 0, "a connection")
