@@ -123,6 +123,7 @@ def test_the_toy_profile_runs_on_a_cluster(undisturbed: Run) -> None:
         "chart",
         "stage2",
         "baseline",
+        "ode",
         "scores",
         "figures",
         "tables",
