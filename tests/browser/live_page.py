@@ -21,6 +21,8 @@ def opened(chromium, live):
     tab.set_default_timeout(1000 * PATIENCE_S)
     tab.goto(live.url)
     until(lambda: len(live.server.get_clients()) > 0, "a connection")
+    scheme = tab.locator("html")
+    until(lambda: scheme.get_attribute("data-mantine-color-scheme") == "dark", "dark colours")
     until(lambda: canvas_of(tab) is not None and ink_of(tab).sum() > 1e4, "the first picture")
     return tab
 

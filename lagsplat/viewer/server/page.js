@@ -6,6 +6,7 @@ const NARROW = 576; // pixels of a window in which viser lays its controls over 
 const LOOK = `
 :root[data-mantine-color-scheme="dark"] { --mantine-color-dimmed: #b9bec6 !important; }
 :root[data-mantine-color-scheme="light"] { --mantine-color-dimmed: #565d67 !important; }
+:root[data-mantine-color-scheme="light"] .mantine-Button-root:not([data-variant="filled"]) .mantine-Button-label { color: #17588f; }
 #screen { position: fixed; left: 0.6rem; bottom: 0.6rem; z-index: 5; display: flex; gap: 0.4rem; }
 #screen button { font: 0.85rem system-ui, sans-serif; color: inherit; background: transparent; border: 1px solid currentcolor;
   border-radius: 8px; padding: 0.3rem 0.7rem; cursor: pointer; }
