@@ -37,7 +37,7 @@ def samples(**growth: float) -> list[Sample]:
         ({"cost": 0.09}, 1),
         ({"threads": 1.0}, 1),
         ({"open_files": 0.3}, 1),
-        ({"kept_files": 1.0, "kept_mb": 1.0}, 2),
+        ({"kept_files": 1.0, "kept_mb": 20.0}, 2),
     ],
 )
 def test_what_grows_is_found(growth: dict[str, float], found: int) -> None:
