@@ -99,9 +99,15 @@ def fit_koopman_law(train: HeldOut, *, horizon: int) -> Integrate:
     return _fit_lifted(train, frames, min(DEGREES, key=measure_error))
 
 
+def _measure_scale(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of each column; one where a column does not vary."""
+    spread = values.std(axis=0)
+    return values.mean(axis=0), np.where(spread > 0, spread, 1.0)
+
+
 def _fit_lifted(train: HeldOut, frames: Int64[np.ndarray, " k"], degree: int) -> Integrate:
     now, after, inputs = list_pairs(train, frames)
-    center, spread = now.mean(axis=0), np.where(now.std(axis=0) > 0, now.std(axis=0), 1.0)
+    center, spread = _measure_scale(now)
     powers = list_exponents(now.shape[1], lowest=0, highest=degree).numpy()
 
     def lift(state: States) -> Float64[np.ndarray, "B k"]:
@@ -135,7 +141,7 @@ def fit_gaussian_process(train: HeldOut) -> Integrate:
     frames = select_frames(train, ahead=1 + max(0, *train.stencil))
     now, after, inputs = list_pairs(train, frames[choose_evenly(len(frames), MOST_POINTS)])
     known = np.hstack([now, inputs])
-    center, spread = known.mean(axis=0), np.where(known.std(axis=0) > 0, known.std(axis=0), 1.0)
+    center, spread = _measure_scale(known)
     smooth = kernels.ConstantKernel() * kernels.RBF(np.ones(known.shape[1]), (0.1, 1e3))
     kernel = smooth + kernels.WhiteKernel(1e-2, (1e-8, 1e1))
     with warnings.catch_warnings():

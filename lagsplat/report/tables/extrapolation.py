@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
+from lagsplat.baselines.config import ODE_TITLES
 from lagsplat.report.common.formatting import join_distinct
 from lagsplat.report.common.printed_table import (
     Column,
@@ -19,14 +20,14 @@ from lagsplat.report.common.published_values import RECORDING
 from lagsplat.report.common.table_rows import name_block, take_median, tell_of_paper
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
-HAMILTONIAN = "Hamiltonian ODE"
+HAMILTONIAN = ODE_TITLES["hamiltonian"]
 AUTHORS = "GaussianPrediction (the authors' code)"
 PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
 SHORT_TITLES = {
     OURS: "LaGSplat",
     FORECASTER: "Key points",
-    FREE: "Neural ODE",
-    HAMILTONIAN: "Hamiltonian ODE",
+    FREE: ODE_TITLES["none"],
+    HAMILTONIAN: HAMILTONIAN,
     AUTHORS: "GaussianPrediction",
     PAPER_TITLES["LaGSplat"]: "LaGSplat",
     PAPER_TITLES["GaussianPrediction"]: "GaussianPrediction",
