@@ -170,7 +170,7 @@ def choose_figure_window(chart: Chart, config: EvaluateConfig) -> FigureWindow:
     if config.figure.start == "held_out":
         start, stop = held.longest
         return FigureWindow(held, chart.n_train, start, min(start + most, stop), 0)
-    series = list_series(chart, chart.whole, config, skip=0)
+    series = list_series(chart, chart.whole, velocity=config.velocity)
     crossing = [clip for clip in series.clips if clip[0] < chart.n_train < clip[1]]
     if not crossing:
         raise ValueError(

@@ -112,11 +112,16 @@ def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
             f"the held-out part has {len(part.latents)} frames and evaluate.skip_s={config.skip_s} takes "
             f"{skip} of them; lower evaluate.skip_s or hold out a longer part"
         )
-    return list_series(chart, part, config, skip=skip)
+    return list_series(chart, part, skip=skip, velocity=config.velocity)
 
 
-def list_series(chart: Chart, part: EncodedTrajectory, config: EvaluateConfig, *, skip: int) -> HeldOut:
-    """The ``part`` of a chart in the form that the scores use, from frame ``skip`` on."""
+def list_series(
+    chart: Chart, part: EncodedTrajectory, *, skip: int = 0, velocity: str = "central"
+) -> HeldOut:
+    """The ``part`` of a chart in the form that the scores use, from frame ``skip`` on.
+
+    ``velocity`` names the stencil of initial velocities, one of `STENCILS`.
+    """
     smooth = part.smoothed(chart.smoothing_frames)
     return HeldOut(
         encoded=smooth.latents,
@@ -128,7 +133,7 @@ def list_series(chart: Chart, part: EncodedTrajectory, config: EvaluateConfig, *
         dt_s=chart.dt_s,
         skip=skip,
         time_s=None if chart.whole.clock.time_s is None else part.time_s,
-        stencil=STENCILS[config.velocity],
+        stencil=STENCILS[velocity],
     )
 
 

@@ -47,7 +47,7 @@ def evaluate_simple_predictors(
             of more than a few frames, or the held-out part is too short for the protocol.
     """
     require_same_run(autoencoder, chart, recording)
-    train = list_series(chart, chart.train, config, skip=0)
+    train = list_series(chart, chart.train, velocity=config.velocity)
     mean = chart.train.latents.mean(axis=0)
     integrators: dict[str, Integrate] = {
         MEAN_IMAGE: lambda q0, v0, inputs, steps_s: _repeat(np.broadcast_to(mean, q0.shape), inputs),

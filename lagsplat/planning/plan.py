@@ -58,8 +58,8 @@ class PlannedBaseline:
 class PlannedForecast(PlannedRun):
     """Identity of one forecaster or free differential equation: the wildcards of its path.
 
-    ``model`` is a choice of ``conf/forecaster``, or of ``conf/ode`` where ``kind`` says so; ``trial`` is its
-    seed. It is read in the chart of the system's first run, whose wildcards are the others.
+    ``model`` is a choice of ``conf/forecaster``, of ``conf/ode`` or of `TRIVIAL`, as ``kind`` says; ``trial``
+    is its seed. It is read in the chart of the system's first run, whose wildcards are the others.
     """
 
     kind: str
@@ -214,13 +214,16 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
         models += [("ode", name) for name in dict.fromkeys(own.odes)]
         if own.authors.checkout is not None or own.authors.frames is not None:
             models.append(("authors", own.choices["authors"]))
+        models += [("trivial", name) for name in TRIVIAL]
         for kind, name in models:
-            compose_for(overrides, system=system, **{kind: name})
-            trials = own.forecaster_seeds if kind != "authors" else [0]
+            if kind != "trivial":
+                compose_for(overrides, system=system, **{kind: name})
+            trials = own.forecaster_seeds if kind in ("forecaster", "ode") else [0]
             others += [PlannedForecast(**asdict(mine[0]), kind=kind, model=name, trial=n) for n in trials]
     return runs, others
 
 
+TRIVIAL = ("mean", "hold", "linear")  # laws beside every run that is extrapolated
 SUFFIX = "_3d"
 SHORT = {"rainbow_rocker": "rocker"}  # how figures call a system whose name is long
 
@@ -383,6 +386,8 @@ def road_to(stage: str, experiment: Config) -> Road:
         "peer": (experiment.ode, "ode"),
         "peer_evaluate": (experiment.evaluate, "ode_evaluate"),
         "peer_table": (None, "table"),
+        "trivial_read": (extrapolation, "extrapolate_trivially"),
+        "trivial_table": (None, "extrapolation"),
         "authors": (experiment.authors, "authors"),
         "authors_read": (extrapolation, "extrapolate_authors"),
         "authors_table": (None, "extrapolation"),
@@ -407,6 +412,7 @@ TRUNK_BEFORE = {
     "simple": ("recording", "views", "stage1", "chart"),
     "ode": ("recording", "stage1", "chart"),
     "peer": ("recording", "views", "stage1", "chart"),
+    "trivial": ("recording", "stage1", "chart", "stage2"),
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),
     "field": ("recording", "stage1", "chart"),

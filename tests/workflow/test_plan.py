@@ -132,6 +132,7 @@ def test_every_target_plans_and_groups_for_clusters_depend_on_nothing_that_waits
         "extrapolate",
         "extrapolate_forecaster",
         "extrapolate_ode",
+        "extrapolate_trivially",
         "extrapolation",
         "equilibrium",
         "field",

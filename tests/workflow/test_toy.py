@@ -22,7 +22,10 @@ TOY = "hydra=profile=toy"
 SCORED = {"evaluate", "rollout", "figure", "horizon", "gallery", "table", "physical", "truth", "margins"}
 SIMPLE = (MEAN_IMAGE, "Hold", "Nearest neighbour")
 REGRESSED = ("Linear least squares", "Koopman least squares", "Gaussian process")
-EXTRAPOLATED = {"extrapolate", "extrapolate_forecaster", "extrapolate_ode", "extrapolation", "equilibrium"}
+EXTRAPOLATED = {
+    *("extrapolate", "extrapolate_trivially", "extrapolate_forecaster", "extrapolate_ode"),
+    *("extrapolation", "equilibrium"),
+}
 FORCES = {"forces", "force", "force_map", "force_space", "force_invariants", "force_truth"}
 HERE = Path("results/toy/simulated/toy")
 THERE = Path("results/toy/simulated/toy_swing")
@@ -159,7 +162,8 @@ def test_every_model_is_followed_past_its_training_frames(results: Path) -> None
     with (results / "results/tables/extrapolation.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     models = {row["model"] for row in rows}
-    assert {"LaGSplat", "key-point forecaster (re-implementation)", "Hamiltonian ODE"} == models
+    trained = {"LaGSplat", "key-point forecaster (re-implementation)", "Hamiltonian ODE"}
+    assert {*trained, "mean state", "held state", "linear least squares"} == models
     ours = {row["measure"]: row for row in rows if row["model"] == "LaGSplat"}
     assert 10.0 < float(ours["psnr_mean"]["value"]) <= float(ours["floor"]["value"]) + 3.0
     found = json.loads((results / THERE / "default-0/default-0/extrapolation/run.json").read_text("utf-8"))

@@ -12,6 +12,7 @@ from lagsplat.config.schema import options
 from lagsplat.planning.plan import lineage
 from lagsplat.planning.plan import (
     SUFFIX,
+    TRIVIAL,
     compose_for,
     files_of,
     files_of_rig,

@@ -133,6 +133,43 @@ rule extrapolate:
         "../scripts/extrapolation/extrapolate.py"
 
 
+TRIVIAL_FOUND = "results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/trivial_{model}-{trial}.json"
+
+
+rule extrapolate_trivially:
+    input:
+        recording=rules.stage1.input.recording,
+        autoencoder=rules.stage1.output.autoencoder,
+        chart=rules.chart.output.chart,
+        dynamics=rules.stage2.output.dynamics,
+        records=[
+            rules.stage1.output.record,
+            rules.chart.output.record,
+            rules.stage2.output.record,
+        ],
+    output:
+        found=update(expand(TRIVIAL_FOUND, model=TRIVIAL, trial=0, allow_missing=True)),
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolation/trivial_record.json",
+    log:
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_trivially.log",
+    benchmark:
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/extrapolate_trivially.tsv"
+    conda:
+        "../envs/lagsplat.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        cfg=section("extrapolation"),
+        before=before("trivial_read"),
+        code=script_digest(SCRIPTS / "extrapolation/extrapolate_trivially.py"),
+    message:
+        "Carry {wildcards.system} ({wildcards.recording}) on without a trained law, seed {wildcards.seed}"
+    script:
+        "../scripts/extrapolation/extrapolate_trivially.py"
+
+
 rule extrapolate_forecaster:
     input:
         recording=rules.stage1.input.recording,

@@ -7,6 +7,7 @@ rule extrapolation:
             "forecaster", rules.extrapolate_forecaster.output.found
         ),
         odes=extrapolation_files("ode", rules.extrapolate_ode.output.found),
+        trivial=extrapolation_files("trivial", TRIVIAL_FOUND),
         authors=extrapolation_files("authors", rules.extrapolate_authors.output.found),
         records=[
             *extrapolation_files("run", rules.extrapolate.output.record),
@@ -14,6 +15,7 @@ rule extrapolation:
                 "forecaster", rules.extrapolate_forecaster.output.record
             ),
             *extrapolation_files("ode", rules.extrapolate_ode.output.record),
+            *extrapolation_files("trivial", rules.extrapolate_trivially.output.record),
             *extrapolation_files("authors", rules.extrapolate_authors.output.record),
         ],
     output:

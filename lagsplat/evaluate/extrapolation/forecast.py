@@ -1,7 +1,7 @@
 """Score predictions past the training frames: image PSNR, oscillation, and the amplitude that remains.
 
-PSNR is given frame by frame and with the phase error removed. A model enters as a `Predictor`; the learned
-Lagrangian and the neural ODE share `make_law_predictor`.
+PSNR is given frame by frame and with the phase error removed. A model enters as a `Predictor`; laws
+of motion in the chart share `make_law_predictor`.
 """
 
 import time
@@ -24,6 +24,8 @@ from lagsplat.evaluate.extrapolation.oscillation import (
 from lagsplat.evaluate.extrapolation.scene import BoundaryClip, Scene, StateReading, summarize_readings
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.evaluate.guarantee import measure_energy, measure_guarantee
+from lagsplat.evaluate.latent_regression import fit_linear_law
+from lagsplat.evaluate.protocol import list_series
 from lagsplat.evaluate.spectrum import resample_evenly
 from lagsplat.stage2.lagrangian import find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
@@ -207,6 +209,27 @@ def extrapolate_ode(scene: Scene, ode: LatentOde) -> dict[str, Any]:
         return roll_out_ode(ode, q0, v0, undriven, scene.clip.dt_s)
 
     return score_extrapolation(make_law_predictor(scene, roll_out), scene)
+
+
+def extrapolate_trivially(scene: Scene) -> dict[str, dict[str, Any]]:
+    """The measures of `score_extrapolation` for laws without training or with one least-squares fit.
+
+    ``mean`` is the mean training state, ``hold`` the state at the start, ``linear`` the law of
+    `lagsplat.evaluate.latent_regression.fit_linear_law`.
+    """
+    chart = scene.chart
+    mean, linear = chart.train.latents.mean(axis=0), fit_linear_law(list_series(chart, chart.train))
+    undriven = chart.train.inputs.mean(axis=0)
+
+    def follow(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
+        return linear(q0, v0, np.tile(undriven, (len(q0), states, 1)), scene.clip.dt_s)
+
+    laws: dict[str, RollOut] = {
+        "mean": lambda q0, v0, states: np.tile(mean, (len(q0), states, 1)),
+        "hold": lambda q0, v0, states: np.repeat(q0[:, None], states, axis=1),
+        "linear": follow,
+    }
+    return {name: score_extrapolation(make_law_predictor(scene, law), scene) for name, law in laws.items()}
 
 
 def extrapolate_run(scene: Scene) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from lagsplat.report.common.table_rows import name_block, take_median, tell_of_p
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
 HAMILTONIAN = ODE_TITLES["hamiltonian"]
+MEAN_STATE, HELD_STATE, LINEAR_LAW = "mean state", "held state", "linear least squares"
 AUTHORS = "GaussianPrediction (the authors' code)"
 PAPER_TITLES = {"LaGSplat": "LaGSplat (paper)", "GaussianPrediction": "GaussianPrediction (paper)"}
 SHORT_TITLES = {
@@ -28,6 +29,9 @@ SHORT_TITLES = {
     FORECASTER: "Key points",
     FREE: ODE_TITLES["none"],
     HAMILTONIAN: HAMILTONIAN,
+    MEAN_STATE: "Mean state",
+    HELD_STATE: "Held state",
+    LINEAR_LAW: "Linear least squares",
     AUTHORS: "GaussianPrediction",
     PAPER_TITLES["LaGSplat"]: "LaGSplat",
     PAPER_TITLES["GaussianPrediction"]: "GaussianPrediction",
@@ -37,6 +41,9 @@ MODEL_NAMES = {
     ("ode", "hamiltonian"): HAMILTONIAN,
     ("forecaster", "keypoints"): FORECASTER,
     ("authors", "default"): AUTHORS,
+    ("trivial", "mean"): MEAN_STATE,
+    ("trivial", "hold"): HELD_STATE,
+    ("trivial", "linear"): LINEAR_LAW,
 }
 USUAL_MODEL = {"ode": "default", "forecaster": "keypoints", "authors": "default"}
 EXTRAPOLATION_COLUMNS = (

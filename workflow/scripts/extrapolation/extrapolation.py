@@ -10,7 +10,10 @@ from lagsplat.report.tables.extrapolation import (
 )
 
 with Job(snakemake) as job:
-    kinds = {"forecaster": job.input.forecasters, "ode": job.input.odes, "authors": job.input.authors}
+    kinds = {
+        **{"trivial": job.input.trivial, "forecaster": job.input.forecasters, "ode": job.input.odes},
+        "authors": job.input.authors,
+    }
     found = [load_json(path) for path in [*job.input.runs, *(path for own in kinds.values() for path in own)]]
     others = sorted(job.params.others, key=lambda run: list(kinds).index(run["kind"]))
     table = build_extrapolation_table(group_models(job.params.runs, others, found))

@@ -13,6 +13,7 @@ from lagsplat.evaluate.extrapolation.forecast import (
     choose_looks,
     extrapolate_ode,
     extrapolate_run,
+    extrapolate_trivially,
     fit_start,
     make_law_predictor,
     score_aligned_psnr,
@@ -31,6 +32,7 @@ from lagsplat.evaluate.extrapolation.oscillation import (
     measure_amplitude,
 )
 from lagsplat.evaluate.extrapolation.scene import Scene, choose_boundary_clip, open_scene, summarize_readings
+from lagsplat.planning.plan import TRIVIAL
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from tests.unit.baselines.keypoints import problems as key_points
 from tests.unit.evaluate import swing
@@ -210,6 +212,17 @@ def test_a_forecaster_and_a_free_equation_are_measured_alike(scene, film) -> Non
     other = open_scene(scene.autoencoder, chart, scene.lagrangian, longer, scene.config)
     with pytest.raises(ValueError, match="trained on 80 frames of 16 x 16, the clip has 90"):
         extrapolate_forecaster(other, forecaster)
+
+
+def test_laws_without_training_are_measured_alike(scene) -> None:
+    found = extrapolate_trivially(scene)
+    assert set(found) == set(TRIVIAL)
+    still = max(found[name]["psnr"]["mean"] for name in ("mean", "hold"))
+    assert found["linear"]["psnr"]["mean"] > 3.0 + still
+    assert abs(found["linear"]["physics"]["frequency_error"]) < 0.03  # the swing is linear
+    for name in ("mean", "hold"):
+        assert found[name]["left"] == 0.0
+        assert found[name]["physics"]["frequency_error"] is None
 
 
 def test_frames_of_another_program_are_read_and_what_they_do_not_hold_is_not_said(scene) -> None:
