@@ -2,8 +2,8 @@
 
 Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
 runs in ``build/published``, so a call that was stopped goes on. Uncommitted changes are refused: the manifest
-names the commit. Figures are reduced to `WIDEST` pixels and 256 colours. The tables of
-the pages follow at the end.
+names the commit. Figures are reduced to `WIDEST` pixels and 256 colours. The tables of the pages follow at
+the end.
 """
 
 import json
@@ -32,9 +32,15 @@ WIDEST = 1400
 
 
 def read_plan() -> dict[str, dict[str, Any]]:
-    """The folders, each with its settings and its files."""
+    """The folders, each with its settings and its files; without the campaigns."""
     plan: dict[str, dict[str, Any]] = yaml.safe_load(PLAN.read_text("utf-8"))
+    del plan["campaigns"]
     return plan
+
+
+def place_of(name: str, folder: dict[str, Any]) -> Path:
+    """Where the files of a folder stand."""
+    return ROOT / folder["into"] if "into" in folder else PUBLISHED / name
 
 
 def name_commit() -> str:
@@ -58,18 +64,20 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     """Run the workflow for a folder, take its files, and return its entry of the manifest."""
     commit, began = name_commit(), time.monotonic()
     files = {key: {"needs": made} if isinstance(made, str) else made for key, made in folder["files"].items()}
-    targets = [each["needs"] for each in files.values()]
-    command = ["snakemake", f"-c{os.cpu_count()}", *targets]
-    command += ["--config", f"hydra={folder['settings']}"] if folder["settings"] else []
+    command = write_command(folder, [each["needs"] for each in files.values() if "needs" in each])
     WORK.mkdir(parents=True, exist_ok=True)
     where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(WORK)]
-    subprocess.run([sys.executable, "-m", *command, *where], cwd=WORK, env=_environment(), check=True)
-    (PUBLISHED / name).mkdir(parents=True, exist_ok=True)
+    words = [word.replace("{data}", os.environ.get(folder.get("data", ""), "")) for word in command]
+    if words:
+        subprocess.run([sys.executable, "-m", *words, *where], cwd=WORK, env=_environment(), check=True)
+    into = place_of(name, folder)
+    into.mkdir(parents=True, exist_ok=True)
     entry: dict[str, Any] = {}
     for key, made in files.items():
-        out = PUBLISHED / name / key
+        out = into / key
         if "command" in made:
-            words = shlex.split(made["command"].format(run=WORK / "results", out=out))
+            told = made["command"].format(run=WORK / "results", out=out, published=PUBLISHED)
+            words = [sys.executable if word == "python" else word for word in shlex.split(told)]
             subprocess.run(words, cwd=WORK, env=_environment(), check=True)
         else:
             take_file(WORK / made["needs"], out)
@@ -81,6 +89,14 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "files": entry,
     }
+
+
+def write_command(folder: dict[str, Any], targets: list[str]) -> list[str]:
+    """The call of the workflow for these files, with ``{data}`` in the place of a folder; empty for none."""
+    config = [f"hydra={folder['settings']}"] if folder.get("settings") else []
+    config += [f"hydra_{system}={words}" for system, words in folder.get("systems", {}).items()]
+    begin = ["snakemake", f"-c{os.cpu_count()}", *targets] if targets else []
+    return begin + (["--config", *config] if config else [])
 
 
 def _environment() -> dict[str, str]:
@@ -106,6 +122,9 @@ def main(*names: str) -> None:
         sys.exit(f"no folder {', '.join(sorted(unknown))}; choose from {', '.join(plan)}")
     manifest = json.loads(MANIFEST.read_text("utf-8")) if MANIFEST.exists() else {}
     for name in names or plan:
+        if (variable := plan[name].get("data")) and not os.environ.get(variable):
+            print(f"{name}: left as it is, for {variable} names no folder of its recordings", flush=True)
+            continue
         manifest[name] = make_folder(name, plan[name])
         save_json(MANIFEST, manifest)
         print(f"{name}: {manifest[name]['minutes']} min at {manifest[name]['commit']}", flush=True)

@@ -27,7 +27,7 @@ from lagsplat.diagnose.verdict.choice_model import ChoiceModel, load_choice_mode
 from lagsplat.diagnose.verdict.features import NAMES, compute_features
 from tests.unit.diagnose.verdict.made_alternatives import NONE, alternatives, effect
 
-PUBLISHED = Path(__file__).parents[3] / "results" / "published" / "calibration" / "measures.jsonl.xz"
+PUBLISHED = Path(__file__).parents[3] / "benchmarks" / "calibration" / "measures.jsonl.xz"
 
 
 def truth(name: str, *others: str) -> dict[str, Any]:

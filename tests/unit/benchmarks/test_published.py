@@ -5,22 +5,48 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from benchmarks import published
 from lagsplat.io.files.atomic import sha256_of
 
 FILES = [(name, key) for name, folder in published.read_plan().items() for key in folder["files"]]
+MOST_BYTES = 3_000_000
 
 
 @pytest.mark.parametrize(("name", "key"), FILES)
 def test_a_planned_file_is_published_as_its_manifest_says(name: str, key: str) -> None:
-    path = published.PUBLISHED / name / key
+    path = published.place_of(name, published.read_plan()[name]) / key
     assert path.stat().st_size
     if published.MANIFEST.exists():
         made = json.loads(published.MANIFEST.read_text("utf-8"))
         if name in made:
             assert made[name]["files"][key]["sha256"] == sha256_of(path)
+
+
+def test_nothing_stands_there_that_no_plan_makes_and_all_of_it_is_small() -> None:
+    planned = {published.place_of(name, published.read_plan()[name]) / key for name, key in FILES}
+    campaigns = yaml.safe_load(published.PLAN.read_text("utf-8"))["campaigns"]
+    assert all((published.PUBLISHED / name).is_dir() for name in campaigns)
+    files = [path for path in published.PUBLISHED.rglob("*") if path.is_file()]
+    others = {path for path in files if path.relative_to(published.PUBLISHED).parts[0] not in campaigns}
+    assert others - planned - {published.MANIFEST} == {published.PUBLISHED / "README.md"}
+    assert sum(path.stat().st_size for path in files) < MOST_BYTES
+
+
+def test_recordings_that_are_not_there_leave_a_folder_as_it_is(monkeypatch, capsys) -> None:
+    monkeypatch.delenv("FILMS", raising=False)
+    monkeypatch.setattr(published, "write_pages", lambda: 0)
+    published.main("quick_filmed_four")
+    assert "left as it is, for FILMS names no folder" in capsys.readouterr().out
+    command = published.write_command(published.read_plan()["quick_filmed_four"], ["a.csv"])
+    assert command[2:5] == [
+        "a.csv",
+        "--config",
+        "hydra=systems=[pendulum_pair,pendulum_pair_both,pendulum_timer,building_sway] recording=filmed",
+    ]
+    assert "hydra_pendulum_pair=recording.path={data}/pendulum_pair/video2.mp4" in command
 
 
 def test_a_figure_is_reduced_and_another_file_is_not(tmp_path: Path) -> None:
