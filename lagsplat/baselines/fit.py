@@ -134,7 +134,7 @@ class BaselineFit:
         self.lost = self.lost + 1 if terms is None else 0
         if self.lost >= PATIENCE:
             raise FloatingPointError(
-                f"the baseline lost its footing before step {step}: {self.lost} batches in a row have no "
+                f"the baseline diverged before step {step}: {self.lost} batches in a row have no "
                 "finite gradient. Lower baseline.rate.peak or look for broken frames with `lagsplat inspect`"
             )
         if self.lost:

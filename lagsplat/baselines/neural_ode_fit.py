@@ -78,8 +78,7 @@ def fit_ode(
         value = float(loss.detach())
         if not math.isfinite(value):
             raise FloatingPointError(
-                f"the neural ODE lost its footing at step {step}: the loss is {value}. Lower ode.rate or "
-                "ode.periods"
+                f"the neural ODE diverged at step {step}: the loss is {value}. Lower ode.rate or ode.periods"
             )
         return np.array([value])
 

@@ -42,17 +42,24 @@ def select_frames(train: HeldOut, *, ahead: int) -> np.ndarray:
     return frames
 
 
-def iterate(advance: Callable[[States, np.ndarray], States]) -> Integrate:
-    """Roll out a map from the state, its velocity and the inputs of a frame to the next frame's."""
+def iterate(
+    advance: Callable[[States, np.ndarray], States],
+    *,
+    lift: Callable[[States], States] = np.asarray,
+    lower: Callable[[np.ndarray], np.ndarray] = np.asarray,
+) -> Integrate:
+    """Roll out a map from the state, its velocity and the inputs of a frame to the next frame's.
+
+    The map may act on what ``lift`` makes of state and velocity, from which ``lower`` reads them again.
+    """
 
     def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
         del steps_s  # the law advances by one frame a step
-        state, states = np.hstack([q0, v0]), [q0]
+        states = [lift(np.hstack([q0, v0]))]
         for number in range(inputs.shape[1] - 1):
             with np.errstate(over="ignore", invalid="ignore"):  # a law that grows is counted as diverged
-                state = advance(state, inputs[:, number])
-            states.append(state[:, : q0.shape[1]])
-        return np.stack(states, axis=1)
+                states.append(advance(states[-1], inputs[:, number]))
+        return lower(np.stack(states, axis=1))[..., : q0.shape[1]]
 
     return integrate
 
@@ -116,17 +123,11 @@ def _fit_lifted(train: HeldOut, frames: Int64[np.ndarray, " k"], degree: int) ->
     law = np.linalg.lstsq(np.hstack([lift(now), inputs]), lift(after))[0]
     linear = slice(1, 1 + now.shape[1])  # after the constant come the coordinates themselves
 
-    def integrate(q0: np.ndarray, v0: np.ndarray, inputs: np.ndarray, steps_s: Any) -> np.ndarray:
-        del steps_s
-        lifted = lift(np.hstack([q0, v0]))
-        states = [lifted]
-        for number in range(inputs.shape[1] - 1):
-            with np.errstate(over="ignore", invalid="ignore"):
-                lifted = np.hstack([lifted, inputs[:, number]]) @ law
-            states.append(lifted)
-        return (np.stack(states, axis=1)[..., linear] * spread + center)[..., : q0.shape[1]]
-
-    return integrate
+    return iterate(
+        lambda lifted, driven: np.hstack([lifted, driven]) @ law,
+        lift=lift,
+        lower=lambda states: states[..., linear] * spread + center,
+    )
 
 
 def fit_gaussian_process(train: HeldOut) -> Integrate:

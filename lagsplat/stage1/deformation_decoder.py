@@ -104,7 +104,7 @@ def fit_deformation_field(
             losses.append(float(loss.detach()))
             bar.update()
             if not np.isfinite(losses[-1]):
-                what = f"the {kind} decoder lost its footing at step {step}: the loss is {losses[-1]}"
+                what = f"the {kind} decoder diverged at step {step}: the loss is {losses[-1]}"
                 raise FloatingPointError(f"{what}. Lower stage1.rate.*")
     last = float(np.mean(losses[-max(1, len(losses) // 10) :]))
     return field.eval(), DeformationFitReport(time.monotonic() - begin, last)

@@ -192,7 +192,7 @@ def train_step(
     values = np.array([float(score.detach()) for score in scores])
     if not np.isfinite(values).all():
         raise FloatingPointError(
-            f"stage 1 lost its footing at step {step}: the loss is {values[0]}. "
+            f"stage 1 diverged at step {step}: the loss is {values[0]}. "
             f"Lower stage1.rate.* (now {config.rate}) or look for broken frames with `lagsplat inspect`"
         )
     return values

@@ -188,7 +188,7 @@ class ForecasterFit:
         values = np.array([float(loss.detach()), float(error)])
         if not np.isfinite(values).all():
             raise FloatingPointError(
-                f"the forecaster lost its footing at step {step} ({moment.phase}): the loss is {values[0]}. "
+                f"the forecaster diverged at step {step} ({moment.phase}): the loss is {values[0]}. "
                 "Lower forecaster.rate.* or look for broken frames with `lagsplat inspect`"
             )
         return values
