@@ -179,7 +179,9 @@ def run_once(campaign: Campaign, folder: Path, longest_s: float, disturb: Distur
     try:
         driver.wait(moment)
     except subprocess.TimeoutExpired:
-        if whom := disturb(campaign, driver, folder):
+        while not (whom := disturb(campaign, driver, folder)) and driver.poll() is None:
+            time.sleep(0.2)  # no job of SLURM runs at this moment
+        if whom:
             campaign.kills[whom] += 1
             print(f"{sum(campaign.kills.values())} {folder.name} {whom} after {moment:.1f} s", flush=True)
         if campaign.cluster is not None:
