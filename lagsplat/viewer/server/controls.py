@@ -12,6 +12,7 @@ import viser
 from viser import uplot
 
 from lagsplat.forces.grasp import SPACING_PX
+from lagsplat.runs.names import name_coordinates
 from lagsplat.viewer.server.keys import bind_keys
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
@@ -305,7 +306,7 @@ class HistoryPlots:
         flows = ["hand", *["inputs"] * self.is_driven, "dissipated", "unexplained"]
         titles = ("State q (deviations)", "Energy (unit of the law)", "Energy balance (unit of the law)")
         kinds = (
-            ([f"q{i + 1}" for i in range(len(rest))], (float(rest.min()), float(rest.max())), states),
+            ([*name_coordinates(len(rest))], (float(rest.min()), float(rest.max())), states),
             (["kinetic", "potential", "total"], (min(at_rest, 0.0), max(at_rest, 0.0)), energies),
             (flows, (0.0, 0.0), energies),
         )
