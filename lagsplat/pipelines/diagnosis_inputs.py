@@ -266,7 +266,9 @@ def _find_targets(
     if models and models[0].kind == "mujoco":
         chosen = load_mujoco(Path(models[0].path), **config.model_choice)
         found |= {motion.u_names[j]: motion.q_names[i] for j, i in find_position_targets(chosen)}
-    own = {name: config.columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
+    of_run = bool(models) and models[0].kind == "run"  # which names them, whatever the columns of a table
+    columns = {} if of_run else config.columns
+    own = {name: columns.get(name, name).lower() for name in (*motion.q_names, *motion.u_names)}
     for q_name in motion.q_names:
         aimed = re.compile(TARGET_NAME.format(re.escape(own[q_name])))
         # an action of a LeRobot dataset has the name of the state that it is the target of

@@ -20,6 +20,7 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.sources import DataSource, find_sources
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.real_videos import check_inputs, read_fitted_settings, read_real_video
+from lagsplat.runs.names import name_coordinates
 from lagsplat.runs.run import FittedRun, open_run
 
 HELD_OUT = "held_out"  # names the held-out part of a run's own recording
@@ -225,7 +226,8 @@ def _check_latents(run: FittedRun, motion: Trajectory, source: str) -> None:
 
 
 def _adopt(motion: Trajectory, run: FittedRun) -> Trajectory:
-    """A trajectory of latents in the coordinates of the run's law; inputs have the names of the run's."""
+    """A trajectory of latents in the coordinates of the run's law; names are the run's."""
     names = run.recording.input_names
-    renamed = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
-    return replace(motion, q=convert_to_law(run.lagrangian, motion.q), u_names=renamed)
+    u_names = (*names[: motion.n_u], *(f"u{i}" for i in range(len(names), motion.n_u)))
+    q = convert_to_law(run.lagrangian, motion.q)
+    return replace(motion, q=q, q_names=name_coordinates(motion.d), u_names=u_names)

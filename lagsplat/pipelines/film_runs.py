@@ -35,6 +35,8 @@ from lagsplat.video_quality.assessment import LEAST_FRAMES, LEVELS
 
 FITTING_CODE = ("lagsplat.runs.fit", "lagsplat.io.video.proposal", "lagsplat.io.recording.inputs")
 """Modules that a kept run depends on, with all that they import."""
+FILM_TITLE = "film"
+"""The title of a system of which nothing is known but its film."""
 OF_ALL_FRAMES = ("flicker", "sampling")  # findings on a film that no cut removes
 DIGEST_DIGITS = 16  # of the name of a folder: enough that no two runs share one
 
@@ -97,7 +99,7 @@ def fit_film(
 def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     """The settings of the fit, as far as they do not depend on what the film shows."""
     path = Path(film.path).resolve()
-    words = [f"profile={config.film_profile}", "system.title=film"]
+    words = [f"profile={config.film_profile}", f"system.title={FILM_TITLE}"]
     if film.kind == "mcap":
         suggested = suggest_overrides(survey_log(path))
         if not suggested:

@@ -14,7 +14,10 @@ from lagsplat.diagnose.augmented.model import load_augmented
 from lagsplat.diagnose.augmented.simulate import compute_missing_acceleration
 from lagsplat.diagnose.simulators.fitted_run import linearize_law_coordinates
 from lagsplat.forces.operating_point import hold_at_load
+from lagsplat.io.files.artifact import read_header
+from lagsplat.io.recording.recording import ORIGINS
 from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
+from lagsplat.pipelines.film_runs import FILM_TITLE
 from lagsplat.processes import receive_signals
 from lagsplat.provenance import set_threads
 from lagsplat.runs.run import FittedRun, open_run
@@ -112,7 +115,7 @@ def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
     seen = "one camera" if point.matter.space == 2 else "cameras on several sides"
     subtitle = f"Seen by {seen}, never pushed. {point.autoencoder.gaussians.n} Gaussians, {coordinates}."
     title = title_of(folder)
-    save_page(out, session, title=title[:1].upper() + title[1:], subtitle=subtitle)
+    save_page(out, session, title=f"{title[:1].upper()}{title[1:]}", subtitle=subtitle)
     return out
 
 
@@ -124,14 +127,33 @@ def pushable(run: FittedRun, experiment: Config) -> Session:
 
 
 def title_of(folder: Path) -> str:
-    """What a run is called: its system and the origin of its recording, by the folders of the workflow."""
+    """What a run is called: its system and the origin of its recording, or else its folder.
+
+    The run records its system, or the folders of the workflow tell it. A film for which nobody named one
+    has none.
+    """
+    system, title, kind = _read_system(folder / "dynamics.safetensors")
     parts = folder.resolve().parts
-    for kind in ("simulated", "filmed"):
-        if kind in parts[:-1]:
-            system = parts[len(parts) - 1 - parts[::-1].index(kind) + 1]
-            title = compose(f"system={system}").system.title if system in options("system") else system
-            return f"{title} ({kind})"
-    return folder.resolve().name
+    for origin in ORIGINS:
+        if not system and origin in parts[:-1]:
+            system, kind = parts[len(parts) - 1 - parts[::-1].index(origin) + 1], origin
+    if system:
+        title = compose(f"system={system}").system.title if system in options("system") else system
+    return f"{title[:1].upper()}{title[1:]} ({kind})" if title else folder.resolve().name
+
+
+def _read_system(path: Path) -> tuple[str, str, str]:
+    """The name of the system, its title and the origin of its recording, as far as the run records them."""
+    if not path.is_file():
+        return "", "", ""
+    header = read_header(path)
+    names, recording = header.get("wildcards", {}), header.get("config", {}).get("recording", {})
+    if "system" in names and names.get("recording") in ORIGINS:
+        return names["system"], "", names["recording"]
+    title = header["config"]["system"]["title"] if recording else ""
+    if not recording or (recording["path"] is not None and title in (FILM_TITLE, compose().system.title)):
+        return "", "", ""
+    return "", title, "simulated" if recording["kind"] == "simulated" else "filmed"
 
 
 def _residual(diagnosis: Path, session: Session, lagrangian: Lagrangian) -> Callable[[Snapshot], Vector]:

@@ -22,6 +22,7 @@ from tests.unit.report.diagnosis import made_content, made_diagnoses
 
 KINDS = made_diagnoses.every_kind()
 UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+SCHEME = "document.documentElement.dataset.mantineColorScheme"
 RUN = "axe.run().then((found) => found.violations.map((one) => [one.id, one.nodes.map((node) => node.html)]))"
 
 
@@ -67,19 +68,24 @@ def test_a_report_is_accessible(chromium, axe: str, tmp_path: Path, kind: str, d
     assert violations(chromium, page, axe, dark=dark) == []
 
 
-def test_the_live_view_is_accessible(chromium, axe: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_live_view_is_accessible(chromium, axe: str, tmp_path: Path, scheme: str) -> None:
     session, frame = (
         disc("viewer.port=0", "viewer.pictures_hz=6", "viewer.side=48"),
         np.zeros((24, 32, 3), np.uint8),
     )
     live = ViewerServer(session, title="Rocking disc", read_frame=lambda number: frame, folder=tmp_path)
-    context = chromium.new_context(bypass_csp=True)
+    context = chromium.new_context(bypass_csp=True, color_scheme=scheme)
     try:
         tab = context.new_page()
         tab.set_default_timeout(1000 * PATIENCE_S)
         tab.goto(live.url)
         until(lambda: tab.locator("[role=slider][aria-label^=Brush]").count(), "names of the controls")
+        until(lambda: tab.evaluate(SCHEME) == scheme, "the colours that the browser asks for")
         tab.evaluate(axe)
+        assert tab.evaluate(RUN) == []
+        tab.get_by_role("tab", name="Record").click()
+        tab.get_by_role("button", name="Save the session").wait_for()
         assert tab.evaluate(RUN) == []
     finally:
         context.close()

@@ -27,6 +27,7 @@ PAGE_IN = 7.0
 STYLE_SHEET = Path(__file__).parent / "templates" / "paper.mplstyle"
 # Okabe and Ito's palette, for readers with any common colour vision.
 ENCODED, PREDICTED, MARK, QUIET = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
+MARK_WORDS = "#00795A"  # the same green for words: dark enough on white
 INPUTS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#000000")
 INPUT_DASHES = ("-", (0, (5, 1.2)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 INK = "#222222"

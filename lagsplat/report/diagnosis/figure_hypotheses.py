@@ -92,7 +92,7 @@ def draw_waterfall(diagnosis: Diagnosis) -> Figure | None:
     if math.isfinite(gap.floor):
         axis.axhline(gap.floor, color=style.MARK, linestyle="--")
         text, place = f"floor {format_percent(gap.floor)}", (1.0, gap.floor)
-        style.annotate(axis, text, place, (2, 0), xycoords=style.ALONG_Y, va="center", color=style.MARK)
+        style.annotate(axis, text, place, (2, 0), xycoords=style.ALONG_Y, va="center", color=style.MARK_WORDS)
     axis.set_ylim(0.0, 1.12 * max(gap.before, top, *(value for _, value, _ in bars)))
     axis.yaxis.set_major_formatter(lambda y, _: f"{100 * y:g} %")
     axis.set_ylabel("gap (share of rms)")

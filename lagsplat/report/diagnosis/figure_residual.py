@@ -57,7 +57,7 @@ def _draw_power(axis: Any, spectrum: Any, coordinate: int, name: str) -> None:
         axis.axvline(line.frequency_hz, color=style.MARK, linestyle=":")
         text, place = f"{format_number(line.frequency_hz)} Hz", (line.frequency_hz, 0.03)
         style.annotate(
-            axis, text, place, (2, 0), xycoords=style.ALONG_X, rotation=90, fontsize=6, color=style.MARK
+            axis, text, place, (2, 0), xycoords=style.ALONG_X, rotation=90, fontsize=6, color=style.MARK_WORDS
         )
     if (spectrum.power > 0.0).any():
         axis.set_yscale("log")

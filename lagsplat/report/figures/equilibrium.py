@@ -79,7 +79,7 @@ def _draw_trajectory(
         axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
         last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
         corner = (last, middle + 0.93 * ends)
-        axis.annotate("dashed: minimum of V", corner, ha="right", va="top", color=style.MARK)
+        axis.annotate("dashed: minimum of V", corner, ha="right", va="top", color=style.MARK_WORDS)
 
 
 def _draw_phase_plane(

@@ -12,12 +12,16 @@ import viser
 from viser import uplot
 
 from lagsplat.forces.grasp import SPACING_PX
+from lagsplat.runs.names import name_coordinates
 from lagsplat.viewer.server.keys import bind_keys
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
 from lagsplat.viewer.simulation.session import Session, Snapshot
 
 REFRESH_S = 0.25  # time between two updates of plots and rates [s]
+LEAST_INPUT_RANGE = 1e-6  # of an input, in its unit: what changes less counts as constant
+EDGE = 1e-6  # rounding error of a bound that is a multiple of its step [step]
+DIGITS = 9  # behind the point, in which a multiple of a step is a short number
 WIDEST = 20.0  # largest radius of the brush [percent of the image's width]
 THEME: Any = {
     "show_logo": False,
@@ -194,21 +198,18 @@ class ControlPanel:
             self.loop.submit(lambda s: s.follow(on))
 
         follow = self._add_checkbox("As recorded", replay_inputs, on=session.following)
-        low, high = recorded.u.min(0), recorded.u.max(0)
-        sliders = [
-            gui.add_slider(
-                f"{name} ({unit})",
-                min=float(low[i]),
-                max=float(max(high[i], low[i] + 1e-6)),
-                step=float(max(high[i] - low[i], 1e-6)) / 100.0,
-                initial_value=float(np.clip(session.u[i], low[i], high[i])),
-            )
-            for i, (name, unit) in enumerate(zip(recorded.names, recorded.units, strict=True))
-        ]
+        bounds = [bound_input(*ends) for ends in zip(recorded.u.min(0), recorded.u.max(0), strict=True)]
+        sliders = []
+        for name, unit, (low, high, step), u in zip(
+            recorded.names, recorded.units, bounds, session.u, strict=True
+        ):
+            shown = float(np.clip(round(step * round(u / step), DIGITS), low, high))
+            label = f"{name} ({unit})"
+            sliders.append(gui.add_slider(label, min=low, max=high, step=step, initial_value=shown))
 
         def set_inputs(_: object) -> None:
-            bounded = zip(sliders, low, high, strict=True)
-            u = np.array([clip_value(slider.value, a, b) for slider, a, b in bounded])
+            pairs = zip(sliders, bounds, strict=True)
+            u = np.array([clip_value(slider.value, low, high) for slider, (low, high, _) in pairs])
             self.loop.submit(lambda s: s.set_inputs(u))
             follow.value = False  # type: ignore[misc]
 
@@ -265,9 +266,26 @@ def clip_value(value: float, low: float, high: float) -> float:
     return float(np.clip(np.nan_to_num(float(value), nan=low), low, high))
 
 
+def bound_input(low: float, high: float) -> tuple[float, float, float]:
+    """Bounds and step of a slider within what was recorded of an input, as numbers that are short to read.
+
+    The step is a power of ten, from a thousandth to a hundredth of the range; bounds are multiples of it. An
+    input that never changed keeps its value.
+
+    Example:
+        >>> bound_input(-0.00281, 0.853737)
+        (-0.002, 0.853, 0.001)
+    """
+    if high - low < LEAST_INPUT_RANGE:
+        return float(low), float(low) + LEAST_INPUT_RANGE, LEAST_INPUT_RANGE
+    step = 10.0 ** (np.floor(np.log10(high - low)) - 2)
+    first, last = np.ceil(low / step - EDGE), np.floor(high / step + EDGE)
+    return round(float(first * step), DIGITS), round(float(last * step), DIGITS), float(step)
+
+
 COLORS = ("#3d8fe0", "#d9642a", "#1f9a70", "#b765cf", "#a98414", "#808890")
 DASHES = ((), (7, 3), (2, 2.5), (9, 3, 2, 3), (4, 2), (1.5, 4))  # so that lines differ without their colours
-PLOT_HEIGHT_PX = 160
+PLOT_HEIGHT_PX = 164
 PLOT_POINTS = 300
 LEAST_SPAN = (
     0.02  # of a plot over the range of the recording: what is less, as a rounding error, is a flat line
@@ -288,7 +306,7 @@ class HistoryPlots:
         flows = ["hand", *["inputs"] * self.is_driven, "dissipated", "unexplained"]
         titles = ("State q (deviations)", "Energy (unit of the law)", "Energy balance (unit of the law)")
         kinds = (
-            ([f"q{i + 1}" for i in range(len(rest))], (float(rest.min()), float(rest.max())), states),
+            ([*name_coordinates(len(rest))], (float(rest.min()), float(rest.max())), states),
             (["kinetic", "potential", "total"], (min(at_rest, 0.0), max(at_rest, 0.0)), energies),
             (flows, (0.0, 0.0), energies),
         )
@@ -332,7 +350,7 @@ def _add_plot(
     # a soft bound gives way to values beyond it
     low, high = ({"soft": bound, "mode": 1, "pad": 0.1} for bound in least)
     scales: Any = {"x": uplot.Scale(time=False), "y": {"range": {"min": low, "max": high}}}
-    axes = (uplot.Axis(size=34, label="time (s)", labelSize=16), uplot.Axis(size=52))
+    axes = (uplot.Axis(size=34, label="time (s)", labelSize=20), uplot.Axis(size=52))
     return gui.add_uplot(
         (np.array([0.0, 1.0]), *(np.zeros(2) for _ in names)),
         (uplot.Series(label="time (s)"), *lines),

@@ -6,7 +6,11 @@ const NARROW = 576; // pixels of a window in which viser lays its controls over 
 const LOOK = `
 :root[data-mantine-color-scheme="dark"] { --mantine-color-dimmed: #b9bec6 !important; }
 :root[data-mantine-color-scheme="light"] { --mantine-color-dimmed: #565d67 !important; }
-:root[data-mantine-color-scheme="light"] .mantine-Button-root:not([data-variant="filled"]) .mantine-Button-label { color: #17588f; }
+:root[data-mantine-color-scheme="light"] { --mantine-primary-color-filled: #2069a8 !important; --mantine-color-anchor: #2069a8 !important; }
+:root[data-mantine-color-scheme="light"] { --mantine-primary-color-filled-hover: #17588f !important; }
+:root[data-mantine-color-scheme="light"] .mantine-Button-root[data-variant="outline"] .mantine-Button-label { color: #17588f; }
+:root[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] { color: #8cbee8 !important; }
+.mantine-Slider-markLabel { color: var(--mantine-color-dimmed) !important; font-size: 0.65rem !important; }
 #screen { position: fixed; left: 0.6rem; bottom: 0.6rem; z-index: 5; display: flex; gap: 0.4rem; }
 #screen button { font: 0.85rem system-ui, sans-serif; color: inherit; background: transparent; border: 1px solid currentcolor;
   border-radius: 8px; padding: 0.3rem 0.7rem; cursor: pointer; }

@@ -108,6 +108,7 @@ class RealtimeLoop:
             running = self.session.status == "running"
             wait_s = self.clock.wait_s() if running else IDLE_S
             changed = self._run_commands(wait_s)
+            running = running and self.session.status == "running"  # unless a command paused it
             now = time.perf_counter()
             due = self.clock.steps_due(now, running=running)
             self._step(due)

@@ -71,6 +71,7 @@ def test_a_run_against_itself_is_its_own_held_out_part(folder):
     np.testing.assert_allclose(recordings.real[0].time_s, recordings.run.recording.time_s[150:])
     np.testing.assert_allclose(recordings.real[0].q, recordings.run.chart.latents[150:])
     assert recordings.real[0].u_names == recordings.nominal[0].u_names == ("push",)
+    assert recordings.real[0].q_names == recordings.nominal[0].q_names == ("q1", "q2")
     assert recordings.real_recordings[0].recording.n_frames == 150
     again = open_recording_pair(folder, str(folder / "recording.safetensors"))
     assert again.same_recording
@@ -109,7 +110,7 @@ def test_latents_are_taken_as_they_are(folder, tmp_path):
     recordings = open_recording_pair(folder, str(latents(tmp_path / "q.csv")))
     assert recordings.real_recordings[0].recording is None
     assert recordings.image_quality is None
-    assert recordings.real[0].u_names == ("push",)
+    assert (recordings.real[0].q_names, recordings.real[0].u_names) == (("q1", "q2"), ("push",))
     assert recordings.camera_share == 0.0
 
 

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from lagsplat.cli.main import main
 from lagsplat.config.compose import compose
 from lagsplat.diagnose.augmented.model import save_augmented
+from lagsplat.io.files.artifact import save_artifact
 from lagsplat.pipelines import view as viewing
 from lagsplat.runs.run import open_run
 from tests.oracle.test_augmented import sim
@@ -24,9 +26,33 @@ def folder(tmp_path_factory) -> Path:
     return out
 
 
+def recorded_settings(kind: str, path: str | None, title: str = "hanging bag") -> dict[str, Any]:
+    return {"config": {"system": {"title": title}, "recording": {"kind": kind, "path": path}}}
+
+
 def test_a_run_is_called_by_its_system(folder: Path, tmp_path: Path) -> None:
     assert viewing.title_of(folder) == "Krauss arm, two segments (simulated)"
     assert viewing.title_of(tmp_path / "mine") == "mine"
+
+
+@pytest.mark.parametrize(
+    ("header", "title"),
+    [
+        ({"wildcards": {"system": "toy", "recording": "simulated"}}, "Toy arm (simulated)"),
+        (recorded_settings("simulated", None), "Hanging bag (simulated)"),
+        (recorded_settings("krauss", None), "Hanging bag (filmed)"),
+        (recorded_settings("video", "bag.mp4"), "Hanging bag (filmed)"),
+        (recorded_settings("video", "bag.mp4", "film"), "elsewhere"),
+        (recorded_settings("video", "bag.mp4", "Krauss arm, two segments"), "elsewhere"),
+    ],
+)
+def test_a_run_elsewhere_is_called_by_the_system_that_it_records(
+    tmp_path: Path, header: dict, title: str
+) -> None:
+    away = tmp_path / "elsewhere"
+    away.mkdir()
+    save_artifact(away / "dynamics.safetensors", {}, {"kind": "dynamics", "schema": 1, **header})
+    assert viewing.title_of(away) == title
 
 
 def test_a_page_is_written_of_a_kept_run(folder: Path, tmp_path: Path, capsys) -> None:

@@ -108,6 +108,16 @@ def test_a_paused_session_still_executes_commands():
     loop.stop()
 
 
+def test_a_pause_takes_back_the_steps_that_are_due():
+    one, paused_at = session(), []
+    loop = RealtimeLoop(one, lambda snapshot: None, paused_at.append)
+    loop.start()
+    loop.submit(lambda s: (time.sleep(0.3), s.pause(True), paused_at.append(s.steps)))
+    time.sleep(1.0)
+    loop.stop()
+    assert paused_at == [one.steps]
+
+
 def test_a_flood_of_commands_stops_neither_steps_nor_pictures_and_is_told():
     shown: list[object] = []
     one = session()
