@@ -19,7 +19,7 @@ from lagsplat.report.common.printed_table import (
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
 
 MARGIN_SCORE = "mse_half_second"
-UNCONVERGED = "†"
+BELOW_MEAN = "†"
 DEFAULT_DYNAMICS = "default"  # conf/stage2/default.yaml: the dynamics that baselines are compared with
 CONSTANT_DYNAMICS = "constant"  # conf/stage2/constant.yaml
 BENCHMARK_COLUMNS = (
@@ -146,9 +146,9 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
         "block": lambda row: table_rows.name_block(row, titles, key="robot"),
         "compared": ("robot", "recording"),
     }
-    unconverged = any(row.get("converged") is False for row in table.to_dict("records"))
-    note = f"{UNCONVERGED}: no better than the mean image, so not converged, and no gain over it is given."
-    method = make_text_column("Method", _name_method, note=note if unconverged else "")
+    below = any(row.get("converged") is False for row in table.to_dict("records"))
+    note = f"{BELOW_MEAN}: no better than the mean image; no gain over it is given."
+    method = make_text_column("Method", _name_method, note=note if below else "")
     scores = [
         method,
         make_count_column("d", "Dim."),
@@ -200,4 +200,4 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
 
 def _name_method(row: Row) -> str:
     name = str(row["method"]).removesuffix(" (paper)")
-    return f"{name} {UNCONVERGED}" if row.get("converged") is False else name
+    return f"{name} {BELOW_MEAN}" if row.get("converged") is False else name
