@@ -10,8 +10,8 @@ at once: one training of stage 1 that is longer than the time, and whole fits on
 the first leaves behind what the server keeps for the next.
 
 A process is sampled every few seconds into the table FILE. The median of the last tenth of the time is
-compared with that of the second tenth: memory grows by at most SHARE, a fit, or a step or a picture of the
-view, costs at most that much more processor time, and no open files or kept files come on top. Other programs
+compared with that of the second tenth: memory grows by at most SHARE, fits, or steps and pictures of the
+view, cost at most that much more processor time, and no open files or kept files come on top. Other programs
 run beside it, so processor time is measured in that of a fixed computation, made with every sample. After a
 crowd the server is compared with before. Prints a verdict; the exit code is 1 if there is a finding. Linux
 only.
@@ -171,16 +171,24 @@ def write_samples(watches: Sequence[Watch], out: Path | None) -> None:
         )
 
 
-def list_costs(samples: Sequence[Sample], unit: str) -> list[tuple[float, float]]:
-    """Times [s] at which more was done, and the processor time of one since then, in yardsticks."""
-    found, before = [], samples[0]
+def list_costs(samples: Sequence[Sample]) -> list[tuple[float, float]]:
+    """Times [s] at which more was done, and the processor time since then, over what it takes in the mean.
+
+    That is a time of one step and one of one picture, in yardsticks, by least squares over all samples: a
+    less busy machine draws more pictures for the same steps.
+    """
+    times, costs, units, before = list[float](), list[float](), list[list[int]](), samples[0]
     for sample in samples[1:]:
-        if more := getattr(sample, unit) - getattr(before, unit):
-            found.append(
-                (sample.after_s, (sample.cpu_s - before.cpu_s) / more / (1e-3 * sample.yardstick_ms))
-            )
+        if sample.done > before.done:
+            times.append(sample.after_s)
+            costs.append((sample.cpu_s - before.cpu_s) / (1e-3 * sample.yardstick_ms))
+            units.append([sample.done - before.done, sample.pictures - before.pictures])
             before = sample
-    return found
+    if not times:
+        return []
+    made = np.array(units, dtype=float)
+    mean = made @ np.linalg.lstsq(made, np.array(costs))[0]
+    return list(zip(times, (np.array(costs) / mean).tolist(), strict=True))
 
 
 def judge(samples: Sequence[Sample], within: float) -> list[str]:
@@ -203,15 +211,7 @@ def judge(samples: Sequence[Sample], within: float) -> list[str]:
 
     for name in ("rss_mb", "own_mb", "kept_mb"):
         compare(name, column(name), lambda first: (1.0 + within) * first + SMALL_MB)
-    grown, slower = findings[:], []
-    for unit in ("done", "pictures") if samples[-1].pictures else ("done",):
-        findings.clear()
-        compare(
-            f"yardsticks for one, {unit}", list_costs(samples, unit), lambda first: first / (1.0 - within)
-        )
-        slower.append(findings[:])
-    # a busy machine draws fewer pictures for the same steps, so one of the costs grows when it is less busy
-    findings[:] = grown + (slower[0] if all(slower) else [])
+    compare("processor time over its mean", list_costs(samples), lambda first: first / (1.0 - within))
     compare("threads", column("threads"), lambda first: first + MORE_THREADS)
     for name in ("open_files", "kept_files"):
         compare(name, column(name), lambda first: first + 1)  # one may be written when a sample is taken

@@ -53,7 +53,7 @@ def test_more_pictures_for_the_same_steps_are_no_slowdown() -> None:
 
 def test_what_stops_is_found() -> None:
     halted = [replace(one, done=min(one.done, 1000)) for one in samples()]
-    assert judge(halted, 0.05) == ["view: yardsticks for one, done: nothing late"]
+    assert judge(halted, 0.05) == ["view: processor time over its mean: nothing late"]
     assert judge([replace(one, done=0) for one in samples()], 0.05) == ["view: nothing was done"]
 
 
