@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lagsplat.chart.names import name_coordinates
 from lagsplat.diagnose.core.config import VIDEO_CHECKS
 from lagsplat.diagnose.core.result import Diagnosis, Finding
 from lagsplat.diagnose.effects.registry import catalogue, list_effects
@@ -20,7 +21,6 @@ from lagsplat.io.recording.recording import Recording
 from lagsplat.io.sources import DataSource, find_sources
 from lagsplat.io.trajectory.trajectory import Trajectory, leading_samples
 from lagsplat.pipelines.real_videos import check_inputs, read_fitted_settings, read_real_video
-from lagsplat.runs.names import name_coordinates
 from lagsplat.runs.run import FittedRun, open_run
 
 HELD_OUT = "held_out"  # names the held-out part of a run's own recording

@@ -11,8 +11,8 @@ import numpy as np
 import viser
 from viser import uplot
 
+from lagsplat.chart.names import name_coordinates
 from lagsplat.forces.grasp import SPACING_PX
-from lagsplat.runs.names import name_coordinates
 from lagsplat.viewer.server.keys import bind_keys
 from lagsplat.viewer.server.scene import OVERLAYS, SceneView
 from lagsplat.viewer.simulation.realtime_loop import Command, RealtimeLoop
