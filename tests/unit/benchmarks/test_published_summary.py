@@ -1,0 +1,27 @@
+"""The table of the README takes its numbers from the published files."""
+
+import pandas as pd
+import pytest
+
+from benchmarks import published_summary
+
+
+def test_a_range_is_one_number_where_both_ends_read_alike() -> None:
+    assert published_summary.write_range(pd.Series([0.001, 0.0042]), 100, " %") == "0.1 to 0.42 %"
+    assert published_summary.write_range(pd.Series([0.2, 0.2])) == "0.2"
+
+
+def test_rows_are_found_by_their_values_or_missed_by_name() -> None:
+    rows = published_summary.read_rows(
+        "quick_filmed_four/physical", system=("pendulum_pair", "building_sway")
+    )
+    assert list(rows["system"]) == ["pendulum_pair", "building_sway"]
+    with pytest.raises(ValueError, match=r"physical\.csv has no row with .*'moon'"):
+        published_summary.read_rows("quick_filmed_four/physical", system="moon")
+
+
+def test_films_and_diagnosis_are_told_as_their_files_have_them() -> None:
+    errors = published_summary.read_rows("quick_filmed_four/physical")["frequency_error"]
+    assert f"{100 * errors.max():.2g} %" in published_summary.summarize_films()[1]
+    found = published_summary.read_rows("gap_blind/blind-8/gap_blind", metric="top-1, class")
+    assert published_summary.summarize_diagnosis()[1].endswith(found["diagnosis"].iloc[0])
