@@ -7,6 +7,7 @@ turn in each of `ROUNDS` rounds, so that other work on the machine meets all ali
 """
 
 import csv
+import math
 import statistics
 import sys
 import time
@@ -58,7 +59,7 @@ def make_cloud(case: Case) -> Gaussians:
         cloud.center.uniform_(0.0, case.side)
         cloud.latent_center.normal_(0.0, case.d**-0.5)  # as many gates are open for any d
         cloud.coupling.normal_(0.0, 0.1 * case.side)
-        cloud.shape_log_diagonal.normal_(float(torch.tensor(WIDTH * case.side).log()), 0.1)
+        cloud.shape_log_diagonal.normal_(math.log(WIDTH * case.side), 0.1)
         cloud.opacity_logit.normal_(1.0)
     return cloud
 

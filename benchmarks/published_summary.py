@@ -3,7 +3,6 @@
 Each row names a page that has the same numbers with their spread, command and figures.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -121,17 +120,17 @@ def summarize_diagnosis() -> tuple[str, str, str]:
     )
 
 
-def list_summaries() -> Iterator[tuple[str, str, str]]:
-    """What was measured, the numbers, and the page, row by row."""
-    yield summarize_systems()
-    yield summarize_films()
-    yield summarize_arm()
-    yield summarize_extrapolation()
-    yield summarize_forces()
-    yield summarize_diagnosis()
-
-
 def show_summary() -> None:
-    """Print the table."""
-    rows = "\n".join(f"| {page}: {what} | {numbers} |" for what, numbers, page in list_summaries())
-    print(f"\n| | measured |\n|---|---|\n{rows}\n")
+    """Print the table: what was measured with its page, and the numbers."""
+    print("\n| | measured |\n|---|---|")
+    for summarize in (
+        summarize_systems,
+        summarize_films,
+        summarize_arm,
+        summarize_extrapolation,
+        summarize_forces,
+        summarize_diagnosis,
+    ):
+        what, numbers, page = summarize()
+        print(f"| {page}: {what} | {numbers} |")
+    print()

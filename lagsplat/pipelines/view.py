@@ -2,8 +2,9 @@
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -129,31 +130,46 @@ def pushable(run: FittedRun, experiment: Config) -> Session:
 def title_of(folder: Path) -> str:
     """What a run is called: its system and the origin of its recording, or else its folder.
 
-    The run records its system, or the folders of the workflow tell it. A film for which nobody named one
-    has none.
+    The job that made the run records both, the folders of the workflow tell them, or its settings do. A film
+    for which nobody named a system has none.
     """
-    system, title, kind = _read_system(folder / "dynamics.safetensors")
+    path = folder / "dynamics.safetensors"
+    header = read_header(path) if path.is_file() else {}
+    known = _name_by_job(header) or _name_by_place(folder) or _name_by_settings(header)
+    return known or folder.resolve().name
+
+
+def _name_by_job(header: Mapping[str, Any]) -> str:
+    names = header.get("wildcards", {})
+    known = "system" in names and names.get("recording") in ORIGINS
+    return _name_system(names["system"], names["recording"]) if known else ""
+
+
+def _name_by_place(folder: Path) -> str:
     parts = folder.resolve().parts
     for origin in ORIGINS:
-        if not system and origin in parts[:-1]:
-            system, kind = parts[len(parts) - 1 - parts[::-1].index(origin) + 1], origin
-    if system:
-        title = compose(f"system={system}").system.title if system in options("system") else system
-    return f"{title[:1].upper()}{title[1:]} ({kind})" if title else folder.resolve().name
+        if origin in parts[:-1]:
+            return _name_system(parts[len(parts) - parts[::-1].index(origin)], origin)
+    return ""
 
 
-def _read_system(path: Path) -> tuple[str, str, str]:
-    """The name of the system, its title and the origin of its recording, as far as the run records them."""
-    if not path.is_file():
-        return "", "", ""
-    header = read_header(path)
-    names, recording = header.get("wildcards", {}), header.get("config", {}).get("recording", {})
-    if "system" in names and names.get("recording") in ORIGINS:
-        return names["system"], "", names["recording"]
-    title = header["config"]["system"]["title"] if recording else ""
-    if not recording or (recording["path"] is not None and title in (FILM_TITLE, compose().system.title)):
-        return "", "", ""
-    return "", title, "simulated" if recording["kind"] == "simulated" else "filmed"
+def _name_by_settings(header: Mapping[str, Any]) -> str:
+    config = header.get("config", {})
+    if not (recording := config.get("recording")):
+        return ""
+    title = config["system"]["title"]
+    if recording["path"] is not None and title in (FILM_TITLE, compose().system.title):
+        return ""
+    return _join_title(title, "simulated" if recording["kind"] == "simulated" else "filmed")
+
+
+def _name_system(system: str, origin: str) -> str:
+    title = compose(f"system={system}").system.title if system in options("system") else system
+    return _join_title(title, origin)
+
+
+def _join_title(title: str, origin: str) -> str:
+    return f"{title[:1].upper()}{title[1:]} ({origin})" if title else ""
 
 
 def _residual(diagnosis: Path, session: Session, lagrangian: Lagrangian) -> Callable[[Snapshot], Vector]:

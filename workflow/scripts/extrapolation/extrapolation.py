@@ -11,7 +11,9 @@ from lagsplat.report.tables.extrapolation import (
 
 with Job(snakemake) as job:
     kinds = {
-        **{"trivial": job.input.trivial, "forecaster": job.input.forecasters, "ode": job.input.odes},
+        "trivial": job.input.trivial,
+        "forecaster": job.input.forecasters,
+        "ode": job.input.odes,
         "authors": job.input.authors,
     }
     found = [load_json(path) for path in [*job.input.runs, *(path for own in kinds.values() for path in own)]]
