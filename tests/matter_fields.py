@@ -13,7 +13,9 @@ def make_linear_matter(points: torch.Tensor, jacobian: torch.Tensor, *, bending:
     """One body whose points move straight with the state by ``jacobian`` (P, n, d), a polynomial of place."""
     body = make_body_at_rest(points.double(), make_wide_ball(jacobian.shape[2]), bending=bending)
     basis = body.evaluate_basis(points.double())
-    pose = torch.linalg.lstsq(basis, jacobian.double().flatten(1) / body.size).solution  # (m, n d)
+    motion = jacobian.double().flatten(1) / body.size
+    # PyTorch's default driver reads memory that it did not write: a flat body sometimes gets no motion.
+    pose = torch.linalg.lstsq(basis, motion, driver="gelsd").solution  # (m, n d)
     coefficients = pose.unflatten(1, jacobian.shape[1:]).permute(2, 1, 0).flatten(1)
     return MatterField(
         (replace(body, coefficients=coefficients),), points.double(), torch.zeros(len(points)).long()
