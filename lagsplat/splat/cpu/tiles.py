@@ -47,20 +47,23 @@ def find_spots(spots, means, opacity, cutoff, slices):
 
     ``cutoff`` is ``ln(255 opacity)``, the largest sigma that is drawn.
     """
-    batch, count = opacity.shape
-    for frame in prange(batch):
-        own = slices[frame % len(slices)]
+    count = opacity.shape[1]
+    # Rows over the Gaussians, as the spots are: so the last loop runs several at once.
+    extents = np.ascontiguousarray(slices.transpose(0, 2, 1)[:, EXTENT_X:])
+    for frame in prange(len(spots)):
+        own = extents[frame % len(slices)]
+        spots[frame, OPACITY, :count] = opacity[frame]
+        spots[frame, CUTOFF, :count] = cutoff[frame]
         spots[frame, HALF_WIDTH, count:] = np.float32(np.nan)
         for k in range(count):
-            x, y, limit = means[frame, k, 0], means[frame, k, 1], cutoff[frame, k]
-            drawn = math.isfinite(x) and math.isfinite(y) and math.isfinite(limit) and limit >= ZERO
-            root = math.sqrt(limit) if drawn else np.float32(np.nan)
-            spots[frame, X, k] = x
-            spots[frame, Y, k] = y
-            spots[frame, OPACITY, k] = opacity[frame, k]
-            spots[frame, CUTOFF, k] = limit
-            spots[frame, HALF_WIDTH, k] = root * own[k, EXTENT_X]
-            spots[frame, HALF_HEIGHT, k] = root * own[k, EXTENT_Y]
+            spots[frame, X, k] = means[frame, k, 0]
+            spots[frame, Y, k] = means[frame, k, 1]
+        for k in range(count):
+            x, y, limit = spots[frame, X, k], spots[frame, Y, k], spots[frame, CUTOFF, k]
+            # What is not finite leaves NaN, and so does a negative limit.
+            root = math.sqrt(limit) + (x - x) + (y - y) + (limit - limit)
+            spots[frame, HALF_WIDTH, k] = root * own[0, k]
+            spots[frame, HALF_HEIGHT, k] = root * own[1, k]
 
 
 @compiled()
