@@ -41,6 +41,7 @@ SCENES = {
     "tall, several tiles": (random_scene(1, 150, 70, 33), 70, 33),
     "opaque stack": (random_scene(2, 300, 20, 20, sigma=4.0, opacity=(0.7, 1.0)), 20, 20),
     "mostly outside": (random_scene(2, 80, 16, 16, margin=20.0), 16, 16),
+    "long, cut by tiles": (random_scene(2, 60, 70, 83, sigma=9.0, opacity=(0.5, 0.95)), 70, 83),
     "huge": (random_scene(2, 30, 40, 40, sigma=60.0), 40, 40),
     "tiny": (random_scene(2, 100, 24, 24, sigma=1e-3), 24, 24),
 }

@@ -1,1 +1,1 @@
-"""The CPU rasteriser, compiled by Numba: eight pixels at a time, in parallel over frames."""
+"""The CPU rasteriser, compiled by Numba: eight or sixteen pixels at a time, in parallel over frames."""

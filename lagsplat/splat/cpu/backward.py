@@ -2,19 +2,34 @@
 # (Numba infers the types of kernels.)
 """Backward kernel: remove each Gaussian, back to front, from the pixels it covers.
 
-The transmittance in front of a Gaussian is the one behind it divided by ``1 - alpha``, and the light from
-behind accumulates on the way, so the forward pass stores nothing per Gaussian and pixel.
+The transmittance in front of a Gaussian is the one behind it divided by ``1 - alpha``. The light from behind,
+as if nothing stood before it, is blended with the Gaussian's own on the way. So the forward pass stores
+nothing per Gaussian and pixel.
 """
 
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu import tiles
-from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, sum_lanes
-from lagsplat.splat.cpu.tiles import BLUE, GREEN, PRECISION_X, PRECISION_Y, RED, STOP, TWO, ZERO
+from lagsplat.splat.cpu import runs, tiles
+from lagsplat.splat.cpu.simd import (
+    RUN,
+    WIDTH,
+    compiled,
+    leading_zeros,
+    load_runs,
+    minimum,
+    ramp,
+    select,
+    splat,
+    store_runs,
+    store_sums,
+    sum_lanes,
+)
+from lagsplat.splat.cpu.tiles import BLUE, GREEN, RED, STOP, TWO, ZERO
 from lagsplat.splat.image_model import ALPHA_MAX
 
 BEHIND, STRIDE = 5 * tiles.PITCH, 6 * tiles.PITCH
+SIXTEEN = np.float32(16.0)
 
 
 @compiled(parallel=True)
@@ -41,8 +56,8 @@ def backward(spots, slices, color, background, state, grad, workers):
             for part in range(share, number, shares):
                 window = tiles.place(part, height, width)
                 tile = fill(state[frame], grad[frame], background, window)
-                grads = (spot_grad[share, frame], shared_grad[worker if single else share, own])
-                undraw(grads, tile, spots[frame], slices[own], color[own], window)
+                into = shared_grad[worker if single else share, own]
+                undraw(spot_grad[share, frame], into, tile, spots[frame], slices[own], color[own], window)
     return spot_grad, shared_grad
 
 
@@ -50,7 +65,7 @@ def backward(spots, slices, color, background, state, grad, workers):
 def fill(state, grad, background, window):
     """Restore a tile as the forward kernel left it, with the loss gradient of its pixels."""
     top, left, rows, columns = window
-    tile = np.zeros(tiles.ROWS * STRIDE, np.float32)
+    tile = np.zeros(tiles.LINES * STRIDE, np.float32)
     for row in range(rows):
         for column in range(columns):
             at = row * STRIDE + column
@@ -61,76 +76,93 @@ def fill(state, grad, background, window):
             tile[at + RED] = red
             tile[at + GREEN] = green
             tile[at + BLUE] = blue
-            light = background[0] * red + background[1] * green + background[2] * blue
-            tile[at + BEHIND] = state[0, y, x] * light
+            tile[at + BEHIND] = background[0] * red + background[1] * green + background[2] * blue
     return tile
 
 
 @compiled()
-def undraw(grads, tile, spots, slices, color, window):
+def undraw(spot_grad, shared_grad, tile, spots, slices, color, window):
     """Remove the spots (6, K) of a frame from one of its tiles and add to both gradients."""
-    spot_grad, shared_grad = grads
-    crossing = np.empty(tiles.CROSSING, np.float32)
+    reals, integers = runs.new_list()
+    found = 0
     for group in range(spots.shape[1] - WIDTH, -1, -WIDTH):
         met = tiles.meeting(spots, group, window)
-        for lane in range(WIDTH - 1, -1, -1):
-            if met >> lane & 1:
-                k = group + lane
-                spot, shape = spots[:, k], slices[k]
-                crossed = tiles.cross(crossing, spot, shape, window)
-                of_spot = (spot_grad[k], shared_grad[k])
-                undraw_spot(of_spot, tile, crossing, crossed, spot, shape, color[k], np.float32(k))
+        while met:
+            lane = 63 - leading_zeros(met)
+            runs.gather(reals, integers, found, spots, slices, color, group + lane)
+            found += 1
+            met ^= 1 << lane
+        if found >= runs.FULL:
+            undraw_listed(spot_grad, shared_grad, tile, reals, integers, found, window)
+            found = 0
+    undraw_listed(spot_grad, shared_grad, tile, reals, integers, found, window)
 
 
 @compiled()
-def undraw_spot(grads, tile, crossing, crossed, spot, shape, color, index):
-    """Remove one spot from the rows of a tile that it crosses."""
-    spot_grad, shared_grad = grads
-    first_row, count, widest = crossed
-    rgb = color[0], color[1], color[2]
-    # Moments of g = dL/dsigma over the pixels: u is the distance from the axis, h the height over the centre.
+def undraw_listed(spot_grad, shared_grad, tile, reals, integers, found, window):
+    """Remove the ``found`` spots of a list."""
+    for group in range(0, found, WIDTH):
+        longest = runs.cross(reals, integers, group, window, STRIDE)
+        for lane in range(min(WIDTH, found - group)):
+            undraw_spot(spot_grad, shared_grad, tile, reals, integers, group + lane, lane, longest)
+
+
+@compiled(inside=True)
+def undraw_spot(spot_grad, shared_grad, tile, reals, integers, spot, lane, longest):
+    """Remove one spot of a list, in a lane of its crossing."""
+    k = integers[spot + runs.OWNER]
+    index = np.float32(k)
+    own_red, own_green, own_blue = reals[spot + runs.RED], reals[spot + runs.GREEN], reals[spot + runs.BLUE]
+    scale = reals[lane + runs.SCALE]
+    # Moments of dL/dsigma over the pixels: u is the scaled distance from the axis, h the height above the
+    # centre.
     g = g_u = g_h = g_uu = g_uh = g_hh = splat(ZERO)
     to_red = to_green = to_blue = splat(ZERO)
-    for shift in range(0, widest, WIDTH):
-        for row in range(count):
-            column = crossing[row + tiles.FIRST] + np.float32(shift)
-            if column < crossing[row + tiles.END]:
-                u = iota() + (crossing[row + tiles.OFFSET] + np.float32(shift))
-                h = crossing[row + tiles.HEIGHT]
-                sigma = u * u * shape[PRECISION_X] + crossing[row + tiles.BASE]
-                at = (first_row + row) * STRIDE + int(column)
-                here, weight = unblend(tile, at, sigma, spot, index, rgb)
-                to_red = to_red + weight * load(tile, at + RED)
-                to_green = to_green + weight * load(tile, at + GREEN)
-                to_blue = to_blue + weight * load(tile, at + BLUE)
-                here_u, here_h = here * u, here * h
-                g, g_u, g_h = g + here, g_u + here_u, g_h + here_h
-                g_uu, g_uh, g_hh = g_uu + here_u * u, g_uh + here_u * h, g_hh + here_h * h
-    pull_x = TWO * shape[PRECISION_X] * sum_lanes(g_u)
-    spot_grad[0] -= pull_x
-    spot_grad[1] += shape[tiles.SLOPE] * pull_x - TWO * shape[PRECISION_Y] * sum_lanes(g_h)
-    spot_grad[2] -= sum_lanes(g) / spot[tiles.OPACITY]
-    shared_grad[0] -= TWO * shape[PRECISION_X] * sum_lanes(g_uh)
-    shared_grad[1] += sum_lanes(g_uu)
-    shared_grad[2] += sum_lanes(g_hh)
-    shared_grad[3] += sum_lanes(to_red)
-    shared_grad[4] += sum_lanes(to_green)
-    shared_grad[5] += sum_lanes(to_blue)
+    for run in range(longest):
+        steps = (ramp() + np.float32(run * RUN)) * scale
+        here = run * WIDTH + lane
+        for row in range(integers[here + runs.FIRST], integers[here + runs.LAST], runs.AT_ONCE):
+            u = steps + runs.look_up(reals, runs.OFFSET, row, lane)
+            h = runs.look_up(reals, runs.HEIGHT, row, lane)
+            t = runs.look_up(reals, runs.PEAK, row, lane) - u * u
+            at = runs.find_places(integers, run, row, lane)
+            red, green, blue = load_at(tile, at, RED), load_at(tile, at, GREEN), load_at(tile, at, BLUE)
+            loss = load_at(tile, at, BEHIND) - own_red * red - own_green * green - own_blue * blue
+            pull, weight = unblend(tile, at, t, index, loss)
+            to_red = to_red + weight * red
+            to_green = to_green + weight * green
+            to_blue = to_blue + weight * blue
+            pull_u, pull_h = pull * u, pull * h
+            g, g_u, g_h = g + pull, g_u + pull_u, g_h + pull_h
+            g_uu, g_uh, g_hh = g_uu + pull_u * u, g_uh + pull_u * h, g_hh + pull_h * h
+    store_sums(reals, runs.SUMS, g_uh, g_uu, g_hh, to_red, to_green, to_blue, g_u, g_h)
+    # The scale is the root of an eighth of PRECISION_X.
+    pull_x = SIXTEEN * scale * reals[runs.SUMS + 6]
+    pull_y = TWO * reals[spot + runs.PRECISION_Y] * reals[runs.SUMS + 7]
+    spot_grad[k, 0] -= pull_x
+    spot_grad[k, 1] += reals[spot + runs.SLOPE] * pull_x - pull_y
+    spot_grad[k, 2] -= sum_lanes(g) / reals[spot + runs.OPACITY]
+    shared_grad[k, 0] -= SIXTEEN * scale * reals[runs.SUMS]
+    shared_grad[k, 1] += reals[runs.SUMS + 1] / scale / scale
+    for column in range(2, 6):
+        shared_grad[k, column] += reals[runs.SUMS + column]
 
 
 @compiled()
-def unblend(tile, at, sigma, spot, index, rgb):
-    """Remove one Gaussian from the ``WIDTH`` pixels from ``at``; return dL/dsigma and its weight in each."""
-    covered = spot[tiles.OPACITY] * tiles.exp_minus(sigma)
-    live = (sigma <= spot[tiles.CUTOFF]) & (index < load(tile, at + STOP))
+def load_at(tile, at, strip):
+    """What a strip of a tile holds in the runs at ``at``."""
+    return load_runs(tile, at[0] + strip, at[1] + strip)
+
+
+@compiled(inside=True)
+def unblend(tile, at, t, index, loss):
+    """Remove one Gaussian from the runs of pixels at ``at``; return dL/dsigma and its weight in each."""
+    covered = runs.alpha_at(t)
+    live = (splat(ZERO) <= t) & (index < load_at(tile, at, STOP))
     alpha = select(live, minimum(covered, splat(ALPHA_MAX)), splat(ZERO))
-    inverse = 1.0 / (1.0 - alpha)
-    before = load(tile, at) * inverse
+    before = load_at(tile, at, 0) / (1.0 - alpha)
     weight = alpha * before
-    red, green, blue = load(tile, at + RED), load(tile, at + GREEN), load(tile, at + BLUE)
-    own = rgb[0] * red + rgb[1] * green + rgb[2] * blue
-    behind = load(tile, at + BEHIND)
-    store(tile, at, before)
-    store(tile, at + BEHIND, behind + weight * own)
+    store_runs(tile, at[0], at[1], before)
+    store_runs(tile, at[0] + BEHIND, at[1] + BEHIND, load_at(tile, at, BEHIND) - alpha * loss)
     # The clamp has no gradient, nor have pixels far outside, where `covered` is arbitrary but alpha is 0.
-    return select(covered < ALPHA_MAX, alpha * (behind * inverse - before * own), splat(ZERO)), weight
+    return select(covered < ALPHA_MAX, weight * loss, splat(ZERO)), weight

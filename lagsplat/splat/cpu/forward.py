@@ -5,12 +5,24 @@
 import numpy as np
 from numba import prange
 
-from lagsplat.splat.cpu import tiles
-from lagsplat.splat.cpu.simd import WIDTH, compiled, iota, load, minimum, select, splat, store, to_bits
+from lagsplat.splat.cpu import runs, tiles
+from lagsplat.splat.cpu.simd import (
+    RUN,
+    WIDTH,
+    compiled,
+    load_runs,
+    minimum,
+    ramp,
+    select,
+    splat,
+    store_runs,
+    to_bits,
+    trailing_zeros,
+)
 from lagsplat.splat.cpu.tiles import BLUE, GREEN, RED, STOP, ZERO
 from lagsplat.splat.image_model import ALPHA_MAX, TRANSMITTANCE_MIN
 
-STRIDE = 5 * tiles.PITCH
+LAST, STRIDE = 5 * tiles.PITCH, 6 * tiles.PITCH
 
 
 @compiled(parallel=True)
@@ -34,21 +46,27 @@ def forward(spots, slices, color, background, height, width):
             for column in range(columns):
                 at = row * STRIDE + column
                 y, x = top + row, left + column
-                state[frame, 0, y, x] = tile[at]
-                state[frame, 1, y, x] = tile[at + STOP]
-                images[frame, 0, y, x] = tile[at + RED] + tile[at] * background[0]
-                images[frame, 1, y, x] = tile[at + GREEN] + tile[at] * background[1]
-                images[frame, 2, y, x] = tile[at + BLUE] + tile[at] * background[2]
+                stop = tile[at + STOP]
+                passed = tile[at] if stop == count else tile[at + LAST]
+                state[frame, 0, y, x] = passed
+                state[frame, 1, y, x] = stop
+                images[frame, 0, y, x] = tile[at + RED] + passed * background[0]
+                images[frame, 1, y, x] = tile[at + GREEN] + passed * background[1]
+                images[frame, 2, y, x] = tile[at + BLUE] + passed * background[2]
     return images, state
 
 
 @compiled()
 def blank(columns, count):
-    """An empty tile for ``count`` Gaussians; only its first ``columns`` columns are drawn."""
-    tile = np.zeros(tiles.ROWS * STRIDE, np.float32)
-    for row in range(tiles.ROWS):
-        for column in range(columns):
-            tile[row * STRIDE + column] = tiles.ONE
+    """An empty tile for ``count`` Gaussians; only its first ``columns`` columns are drawn.
+
+    Pixels that take no more light have a transmittance of NaN, which no comparison lets pass.
+    """
+    tile = np.zeros(tiles.LINES * STRIDE, np.float32)
+    for row in range(tiles.LINES):
+        drawn = columns if row < tiles.ROWS else 0
+        for column in range(tiles.PITCH):
+            tile[row * STRIDE + column] = tiles.ONE if column < drawn else np.float32(np.nan)
             tile[row * STRIDE + STOP + column] = np.float32(count)
     return tile
 
@@ -56,45 +74,69 @@ def blank(columns, count):
 @compiled()
 def draw(tile, spots, slices, color, window):
     """Draw the spots (6, K) of a frame into one of its tiles."""
-    crossing = np.empty(tiles.CROSSING, np.float32)
+    reals, integers = runs.new_list()
+    found = 0
     for group in range(0, spots.shape[1], WIDTH):
         met = tiles.meeting(spots, group, window)
-        for lane in range(WIDTH):
-            if met >> lane & 1:
-                k = group + lane
-                spot, shape = spots[:, k], slices[k]
-                crossed = tiles.cross(crossing, spot, shape, window)
-                draw_spot(tile, crossing, crossed, spot, shape, color[k], np.float32(k))
+        while met:
+            runs.gather(reals, integers, found, spots, slices, color, group + trailing_zeros(met))
+            found += 1
+            met &= met - 1
+        if found >= runs.FULL:
+            draw_listed(tile, reals, integers, found, window)
+            found = 0
+    draw_listed(tile, reals, integers, found, window)
 
 
 @compiled()
-def draw_spot(tile, crossing, crossed, spot, shape, color, index):
-    """Draw one spot where it crosses the rows of a tile."""
-    first_row, count, widest = crossed
-    rgb = color[0], color[1], color[2]
-    for shift in range(0, widest, WIDTH):
-        for row in range(count):
-            column = crossing[row + tiles.FIRST] + np.float32(shift)
-            if column < crossing[row + tiles.END]:
-                u = iota() + (crossing[row + tiles.OFFSET] + np.float32(shift))
-                sigma = u * u * shape[tiles.PRECISION_X] + crossing[row + tiles.BASE]
-                at = (first_row + row) * STRIDE + int(column)
-                blend(tile, at, sigma, spot, index, rgb)
+def draw_listed(tile, reals, integers, found, window):
+    """Draw the ``found`` spots of a list."""
+    for group in range(0, found, WIDTH):
+        longest = runs.cross(reals, integers, group, window, STRIDE)
+        for lane in range(min(WIDTH, found - group)):
+            draw_spot(tile, reals, integers, group + lane, lane, longest)
 
 
-@compiled()
-def blend(tile, at, sigma, spot, index, rgb):
-    """Blend one Gaussian into the ``WIDTH`` pixels from ``at``."""
-    alpha = minimum(spot[tiles.OPACITY] * tiles.exp_minus(sigma), splat(ALPHA_MAX))
-    before = load(tile, at)
-    stop = load(tile, at + STOP)
-    after = before - alpha * before
-    live = (sigma <= spot[tiles.CUTOFF]) & (index < stop)
-    finished = live & (after <= TRANSMITTANCE_MIN)
-    weight = select(live & (after > TRANSMITTANCE_MIN), alpha * before, splat(ZERO))
-    store(tile, at, before - weight)
-    store(tile, at + RED, load(tile, at + RED) + weight * rgb[0])
-    store(tile, at + GREEN, load(tile, at + GREEN) + weight * rgb[1])
-    store(tile, at + BLUE, load(tile, at + BLUE) + weight * rgb[2])
+@compiled(inside=True)
+def draw_spot(tile, reals, integers, spot, lane, longest):
+    """Draw one spot of a list, in a lane of its crossing."""
+    index = np.float32(integers[spot + runs.OWNER])
+    rgb = reals[spot + runs.RED], reals[spot + runs.GREEN], reals[spot + runs.BLUE]
+    scale = reals[lane + runs.SCALE]
+    for run in range(longest):
+        steps = (ramp() + np.float32(run * RUN)) * scale
+        here = run * WIDTH + lane
+        for row in range(integers[here + runs.FIRST], integers[here + runs.LAST], runs.AT_ONCE):
+            u = steps + runs.look_up(reals, runs.OFFSET, row, lane)
+            t = runs.look_up(reals, runs.PEAK, row, lane) - u * u
+            blend(tile, runs.find_places(integers, run, row, lane), t, index, rgb)
+
+
+@compiled(inside=True)
+def blend(tile, at, t, index, rgb):
+    """Blend one Gaussian into the runs of pixels at ``at``."""
+    first, second = at
+    before = load_runs(tile, first, second)
+    light = minimum(runs.alpha_at(t), splat(ALPHA_MAX)) * before
+    after = before - light
+    covered = splat(ZERO) <= t
+    passed = covered & (after > TRANSMITTANCE_MIN)
+    weight = select(passed, light, splat(ZERO))
+    store_runs(tile, first, second, select(passed, after, before))
+    for strip, part in ((RED, rgb[0]), (GREEN, rgb[1]), (BLUE, rgb[2])):
+        shown = load_runs(tile, first + strip, second + strip) + weight * part
+        store_runs(tile, first + strip, second + strip, shown)
+    finished = covered & (after <= TRANSMITTANCE_MIN)
     if to_bits(finished):
-        store(tile, at + STOP, select(finished, splat(index), stop))
+        finish(tile, first, second, finished, before, index)
+
+
+@compiled()
+def finish(tile, first, second, finished, passed, index):
+    """Let pixels take no more light, and keep what has passed them and which Gaussian finished them."""
+    now = load_runs(tile, first, second)
+    store_runs(tile, first, second, select(finished, splat(np.float32(np.nan)), now))
+    now = load_runs(tile, first + LAST, second + LAST)
+    store_runs(tile, first + LAST, second + LAST, select(finished, passed, now))
+    now = load_runs(tile, first + STOP, second + STOP)
+    store_runs(tile, first + STOP, second + STOP, select(finished, splat(index), now))

@@ -1,14 +1,16 @@
 """The CPU rasteriser: Numba kernels, forward and backward, in parallel over the frames of a batch."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numba
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.splat.cpu.backward import backward
 from lagsplat.splat.cpu.forward import forward
+from lagsplat.splat.cpu.simd import WIDTH
 from lagsplat.splat.cpu.tiles import find_spots
 from lagsplat.splat.gaussians import GaussianSlice
 from lagsplat.splat.image_model import blur
@@ -36,13 +38,35 @@ def slices_of(covariance: Float[Tensor, "*S K 3"]) -> Float[Tensor, "*S K 5"]:
     return torch.where(drawn[..., None], slices, torch.nan).float()
 
 
+class _Spots:
+    """The spots of a batch, in memory that goes to a later batch of the same size.
+
+    They are the largest array of a step, and new memory costs as much as several frames, one page at a time.
+    """
+
+    _spare: ClassVar[list[np.ndarray]] = []
+
+    def __init__(self, batch: int, count: int) -> None:
+        shape = (batch, 6, -(-count // WIDTH) * WIDTH)
+        try:
+            spare = self._spare.pop()
+        except IndexError:  # asked for length first, another thread might take the last
+            spare = np.empty(0, np.float32)
+        self.array = spare if spare.shape == shape else np.empty(shape, np.float32)
+
+    def __del__(self) -> None:
+        if not self._spare:
+            self._spare.append(self.array)
+
+
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, height: int, width: int, *tensors: Tensor) -> Tensor:
         means, slices, opacity, color, background = (part.detach().contiguous() for part in tensors)
         cutoff = (opacity * 255.0).log()
-        spots = find_spots(means.numpy(), opacity.numpy(), cutoff.numpy(), slices.numpy())
-        images, state = forward(spots, slices.numpy(), color.numpy(), background.numpy(), height, width)
+        spots = _Spots(*opacity.shape)
+        find_spots(spots.array, means.numpy(), opacity.numpy(), cutoff.numpy(), slices.numpy())
+        images, state = forward(spots.array, slices.numpy(), color.numpy(), background.numpy(), height, width)
         ctx.save_for_backward(slices, color, background)
         ctx.spots, ctx.state = spots, state
         return torch.from_numpy(images)
@@ -52,7 +76,7 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         slices, color, background = ctx.saved_tensors
         grad = grad.contiguous()
-        arrays = (ctx.spots, slices.numpy(), color.numpy(), background.numpy(), ctx.state, grad.numpy())
+        arrays = (ctx.spots.array, slices.numpy(), color.numpy(), background.numpy(), ctx.state, grad.numpy())
         spot_grad, shared_grad = backward(*arrays, numba.get_num_threads())
         spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
         shared = torch.from_numpy(shared_grad.sum(0) if len(shared_grad) > 1 else shared_grad[0])

@@ -1,8 +1,9 @@
 # mypy: ignore-errors
-"""Eight float32 side by side, as one value inside Numba functions.
+"""Eight or sixteen float32 side by side, as one value inside Numba functions.
 
 Whether LLVM vectorises a loop depends on alias checks, trip counts and cost tables, and a rasteriser must
-not become six times slower when one of them changes. So the width is explicit. ``Lanes`` support arithmetic,
+not become six times slower when one of them changes. So the width is explicit: sixteen with AVX-512, which
+makes of two rows of eight pixels one operation, and eight elsewhere. ``Lanes`` support arithmetic,
 ``<``, ``<=`` and ``>`` with each other and with scalars (rounded to float32), a comparison gives a ``Mask``
 that supports ``&``, and the functions below do the rest. Processors with narrower registers split the
 operations themselves.
@@ -21,9 +22,12 @@ from typing import Any
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.registry import cpu_target
 from numba.extending import intrinsic, models, overload, register_model
 
-WIDTH = 8
+# Pixels side by side in one row that are drawn at once. Wider registers take those of a second row as well.
+RUN = 8
+WIDTH = 2 * RUN if "+avx512vl" in cpu_target.target_context.codegen().magic_tuple()[2] else RUN
 _FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 # Allow fused multiply-add, but nothing that assumes finite numbers.
@@ -68,16 +72,6 @@ def splat(typing, value):
     return lanes_t(value), build
 
 
-@intrinsic
-def iota(typing):
-    """Lanes 0, 1, 2, ..."""
-
-    def build(context, builder, signature, arguments):
-        return ir.Constant(_FLOATS, [float(lane) for lane in range(WIDTH)])
-
-    return lanes_t(), build
-
-
 def _address(context, builder, array_type, array, index):
     data = context.make_array(array_type)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [index]), _FLOATS.as_pointer())
@@ -104,6 +98,82 @@ def store(typing, array, index, value):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes_t), build
+
+
+@intrinsic
+def store_integers(typing, array, index, value):
+    """Write the integer parts of ``WIDTH`` values to a contiguous int32 array from ``index`` on."""
+
+    def build(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
+        integers = builder.fptosi(arguments[2], ir.VectorType(ir.IntType(32), WIDTH))
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), integers.type.as_pointer())
+        builder.store(integers, pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes_t), build
+
+
+_RUN = ir.VectorType(ir.FloatType(), RUN)
+
+
+def _shuffle(builder, left, right, lanes):
+    return builder.shuffle_vector(left, right, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes))
+
+
+@intrinsic
+def ramp(typing):
+    """The number of each lane in its run: 0, 1, ..., ``RUN`` - 1, 0, 1, ..."""
+
+    def build(context, builder, signature, arguments):
+        return ir.Constant(_FLOATS, [float(lane % RUN) for lane in range(WIDTH)])
+
+    return lanes_t(), build
+
+
+@intrinsic
+def splat_runs(typing, first, second):
+    """Lanes that hold ``first`` in the first run and ``second`` in another, if there is one."""
+
+    def build(context, builder, signature, arguments):
+        undefined, zero = ir.Constant(_FLOATS, ir.Undefined), ir.Constant(ir.IntType(32), 0)
+        values = [builder.insert_element(undefined, value, zero) for value in arguments]
+        first, second = (_shuffle(builder, value, undefined, [0] * WIDTH) for value in values)
+        return builder.select(ir.Constant(_BITS, [lane < RUN for lane in range(WIDTH)]), first, second)
+
+    return lanes_t(types.float32, types.float32), build
+
+
+@intrinsic
+def load_runs(typing, array, first, second):
+    """``RUN`` values of a contiguous float32 array from ``first`` on; if they fit, also from ``second``."""
+
+    def build(context, builder, signature, arguments):
+        array, *places = arguments
+        data = context.make_array(signature.args[0])(context, builder, value=array).data
+        pointers = [builder.bitcast(builder.gep(data, [at]), _RUN.as_pointer()) for at in places]
+        if WIDTH == RUN:
+            return builder.load(pointers[0], align=4)
+        runs = [builder.load(pointer, align=4) for pointer in pointers]
+        return _shuffle(builder, *runs, list(range(WIDTH)))
+
+    return lanes_t(array, types.intp, types.intp), build
+
+
+@intrinsic
+def store_runs(typing, array, first, second, value):
+    """Write what `load_runs` reads."""
+
+    def build(context, builder, signature, arguments):
+        array, *places, value = arguments
+        data = context.make_array(signature.args[0])(context, builder, value=array).data
+        for start in range(0, WIDTH, RUN):
+            pointer = builder.bitcast(builder.gep(data, [places[start // RUN]]), _RUN.as_pointer())
+            run = _shuffle(builder, value, value, list(range(start, start + RUN)))
+            builder.store(run, pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, lanes_t), build
 
 
 @intrinsic
@@ -163,6 +233,34 @@ def to_bits(typing, mask):
     return types.int64(mask_t), build
 
 
+def _zeros(name, docstring):
+    @intrinsic
+    def operation(typing, word):
+        def build(context, builder, signature, arguments):
+            return getattr(builder, name)(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+        return types.int64(types.int64), build
+
+    operation.__doc__ = docstring
+    return operation
+
+
+trailing_zeros = _zeros("cttz", "Number of zeros below the lowest bit that is set; of 0, 64.")
+leading_zeros = _zeros("ctlz", "Number of zeros above the highest bit that is set, of 64.")
+
+
+@intrinsic
+def largest_lane(typing, value):
+    """The largest of the lanes, a float32; NaN is passed over."""
+
+    def build(context, builder, signature, arguments):
+        kind = ir.FunctionType(ir.FloatType(), [_FLOATS])
+        name = f"llvm.vector.reduce.fmax.v{WIDTH}f32"
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), arguments)
+
+    return types.float32(lanes_t), build
+
+
 @intrinsic
 def sum_lanes(typing, value):
     """Sum over the lanes, a float32."""
@@ -174,6 +272,43 @@ def sum_lanes(typing, value):
         return builder.call(function, [ir.Constant(ir.FloatType(), 0.0), arguments[0]], fastmath=("reassoc",))
 
     return types.float32(lanes_t), build
+
+
+def _fold(builder, left, right, size):
+    """Add the halves of each chunk of ``size`` lanes; those of ``left`` and of ``right`` lie side by side."""
+    half, starts = size // 2, range(0, WIDTH, size)
+    near = [lane + side for start in starts for side in (0, WIDTH) for lane in range(start, start + half)]
+    halves = [_shuffle(builder, left, right, [lane + shift for lane in near]) for shift in (0, half)]
+    return builder.fadd(*halves)
+
+
+SUMS_AT_ONCE = 8
+
+
+@intrinsic
+def store_sums(typing, array, index, a, b, c, d, e, f, g, h):
+    """Write the sums over the lanes of each of eight Lanes to a contiguous float32 array from ``index`` on.
+
+    Folded together they cost a third of the operations of one after the other.
+    """
+
+    def build(context, builder, signature, arguments):
+        # Every fold interleaves its operands: in this order the sums end up in order.
+        folded, size = [arguments[2 + which] for which in (0, 4, 2, 6, 1, 5, 3, 7)], WIDTH
+        while len(folded) > 1:
+            pairs = zip(folded[::2], folded[1::2], strict=True)
+            folded, size = [_fold(builder, *pair, size) for pair in pairs], size // 2
+        sums = _shuffle(builder, folded[0], folded[0], list(range(0, WIDTH, size)))
+        for shift in range(1, size):
+            sums = builder.fadd(
+                sums, _shuffle(builder, folded[0], folded[0], list(range(shift, WIDTH, size)))
+            )
+        data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), sums.type.as_pointer())
+        builder.store(sums, pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, *[lanes_t] * 8), build
 
 
 def _arithmetic(name):
@@ -227,19 +362,21 @@ OPTIONS = {
 }
 
 
-def compiled(*, parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
+def compiled(*, parallel: bool = False, inside: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Decorator: compile with Numba on the first call and cache the result on disk.
 
     Numba's disk cache checks only the function's own file, so a kernel would keep using an old version of a
     helper from another file. Here any change to a file of this folder, or to the image model that the kernels
     implement, invalidates the cache.
+
+    What is ``inside`` a loop over Gaussians is always inlined: a call passes every field of every array.
     """
     folder = Path(__file__).parent
     sources = sorted([*folder.glob("*.py"), folder.parent / "image_model.py"])
     stamp = sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(parallel=parallel, **OPTIONS)(function)  # type: ignore[call-overload]
+        dispatcher = njit(parallel=parallel, forceinline=inside, **OPTIONS)(function)  # type: ignore[call-overload]
         dispatcher._cache._cache_file._source_stamp = stamp
         return dispatcher
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
 
-from lagsplat.splat.cpu import tiles
+from lagsplat.splat.cpu import runs, tiles
 from lagsplat.splat.cpu.forward import forward
 from lagsplat.splat.cpu.rasterize import slices_of
 from lagsplat.splat.cpu.simd import WIDTH, compiled, load, maximum, splat, square_root, store, to_bits
@@ -71,7 +71,7 @@ def condition(found, z, table, k, height, width):
     half_height = root * load(table, (factor + 3) * count + k)
     store(found, tiles.X * count + k, x)
     store(found, tiles.Y * count + k, y)
-    store(found, tiles.OPACITY * count + k, load(table, (factor + 1) * count + k) * tiles.exp_minus(faded))
+    store(found, tiles.OPACITY * count + k, runs.alpha_at(cutoff * runs.EIGHTH))
     store(found, tiles.CUTOFF * count + k, cutoff)
     store(found, tiles.HALF_WIDTH * count + k, half_width)
     store(found, tiles.HALF_HEIGHT * count + k, half_height)
