@@ -1,9 +1,9 @@
 """Make what stands in ``results/published`` again, at one commit, with a manifest of how each file was made.
 
 Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
-runs in ``build/published``, so a call that was stopped goes on. Uncommitted changes are refused: the manifest
-names the commit. Figures are reduced to `WIDEST` pixels and 256 colours. The tables of the pages follow at
-the end.
+runs in ``build/published``, so a call that was stopped goes on, and the minutes of all calls are counted.
+Uncommitted changes are refused: the manifest names the commit. Figures are reduced to `WIDEST` pixels and
+256 colours. The tables of the pages follow at the end.
 """
 
 import json
@@ -14,6 +14,8 @@ import shutil
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,9 @@ import yaml
 from PIL import Image
 
 from benchmarks.published_tables import write_pages
-from lagsplat.io.files.atomic import save_json, sha256_of
+from lagsplat.io.files.atomic import save_json, sha256_of, write_text
+from lagsplat.planning.plan import compose_for, read_overrides, shared_experiment
+from lagsplat.provenance import sha256_hex
 
 ROOT = Path(__file__).resolve().parents[1]
 PLAN = Path(__file__).with_name("published.yaml")
@@ -29,6 +33,7 @@ PUBLISHED = ROOT / "results" / "published"
 MANIFEST = PUBLISHED / "manifest.json"
 WORK = ROOT / "build" / "published"
 WIDEST = 1400
+TICK_S = 10.0  # between two records of the time taken, of which a killed call loses the last
 
 
 def read_plan() -> dict[str, dict[str, Any]]:
@@ -62,14 +67,14 @@ def name_commit() -> str:
 
 def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     """Run the workflow for a folder, take its files, and return its entry of the manifest."""
-    commit, began = name_commit(), time.monotonic()
+    commit, clock = name_commit(), WORK / f"{name}-{name_commit()}.minutes"
     files = {key: {"needs": made} if isinstance(made, str) else made for key, made in folder["files"].items()}
     command = write_command(folder, [each["needs"] for each in files.values() if "needs" in each])
     WORK.mkdir(parents=True, exist_ok=True)
     where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(WORK)]
     words = [word.replace("{data}", os.environ.get(folder.get("data", ""), "")) for word in command]
     if words:
-        subprocess.run([sys.executable, "-m", *words, *where], cwd=WORK, env=_environment(), check=True)
+        run_timed([sys.executable, "-m", *words, *where], clock)
     into = place_of(name, folder)
     into.mkdir(parents=True, exist_ok=True)
     entry: dict[str, Any] = {}
@@ -78,16 +83,50 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
         if "command" in made:
             told = made["command"].format(run=WORK / "results", out=out, published=PUBLISHED)
             words = [sys.executable if word == "python" else word for word in shlex.split(told)]
-            subprocess.run(words, cwd=WORK, env=_environment(), check=True)
+            run_timed(words, clock)
         else:
             take_file(WORK / made["needs"], out)
         entry[key] = {"made_by": made.get("command", made["needs"]), "sha256": sha256_of(out)}
     return {
         "commit": commit,
         "command": shlex.join(command),
-        "minutes": round((time.monotonic() - began) / 60.0, 1),
+        **(describe_settings(folder) if command else {}),
+        "minutes": round(float(clock.read_text("utf-8")), 1),
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "files": entry,
+    }
+
+
+def run_timed(words: list[str], clock: Path) -> None:
+    """Run a command, and add the minutes that it takes to those in the file ``clock`` while it runs.
+
+    Raises:
+        subprocess.CalledProcessError: the command failed.
+    """
+    with subprocess.Popen(words, cwd=WORK, env=_environment()) as process:
+        before, began = float(clock.read_text("utf-8")) if clock.exists() else 0.0, time.monotonic()
+        while process.returncode is None:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(TICK_S)
+            write_text(clock, str(before + (time.monotonic() - began) / 60.0))
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, words)
+
+
+def describe_settings(folder: dict[str, Any]) -> dict[str, Any]:
+    """The seeds of a folder's runs, and a digest of their settings."""
+    of_system = {f"hydra_{name}": words for name, words in folder.get("systems", {}).items()}
+    given = {"hydra": folder.get("settings", ""), **of_system}
+    overrides = read_overrides({key: words.replace("{data}", "data") for key, words in given.items()})
+    shared = shared_experiment(overrides)
+    composed = [asdict(compose_for(overrides, system=system)) for system in shared.systems]
+    return {
+        "seeds": {
+            "runs": list(shared.seeds),
+            "published baselines": list(shared.baseline_seeds),
+            "forecasters": list(shared.forecaster_seeds),
+        },
+        "settings_sha256": sha256_hex(json.dumps(composed, sort_keys=True, default=str).encode()),
     }
 
 

@@ -81,7 +81,7 @@ def summarize_extrapolation() -> tuple[str, str, str]:
     def read(model: str) -> str:
         rows = read_rows("quick_extrapolation/extrapolation", model=model, recording="simulated")
         errors = rows.set_index("measure")["value"]
-        return f"{errors['frequency_error']:.2g} and {errors['rate_error']:.2g} %"
+        return f"{100 * errors['frequency_error']:.2g} and {100 * errors['rate_error']:.2g} %"
 
     return (
         "rocker past its clip, simulated: error of frequency and of decay; neural ODE; linear least squares",

@@ -169,9 +169,14 @@ def clock_rate() -> float:
     return 4 * count / min(times)
 
 
+def bound_of_core(operations: int) -> float:
+    """Pairs a second of one core in AVX2, where a pair costs so many operations."""
+    return LANES_PER_CYCLE * clock_rate() / operations
+
+
 def report_share(times: list[Time], pairs: float, operations: int) -> None:
     """Print pairs per second as a share of the bound: on the clock, and by processor time."""
-    bound = LANES_PER_CYCLE * clock_rate() / operations
+    bound = bound_of_core(operations)
     cores = numba.get_num_threads()
     wall = pairs / statistics.median(t.wall for t in times) / (bound * cores)
     processor = pairs / statistics.median(t.processor for t in times) / bound
@@ -201,13 +206,13 @@ def report(name: str, times: list[Time], pairs: float, ours: list[Time] | None =
         print(f"processor time {by_processor:.0f})", flush=True)
 
 
-def compare(size: int, batch: int, count: int, *, gate: float, rounds: int) -> None:
+def race(
+    size: int, batch: int, count: int, *, gate: float, rounds: int
+) -> tuple[float, dict[str, list[Time]]]:
+    """Pairs a frame, and the times of each rasteriser forward and backward, taken in turns."""
     scene = gated_scene(batch, count, size, gate=gate)
     few = [tensor[:SLOW_FRAMES] if tensor.ndim > 1 and len(tensor) == batch else tensor for tensor in scene]
     pairs = sum(len(pairs_of(few, size, frame)) for frame in range(SLOW_FRAMES)) / SLOW_FRAMES
-    print(
-        f"{batch} frames x {count} Gaussians x {size}x{size}, {pairs:.0f} pairs a frame, forward + backward:"
-    )
 
     def with_backend(name: str) -> Callable[[Scene], Tensor]:
         return lambda inputs: rasterize(*inputs, height=size, width=size, backend=name)
@@ -230,21 +235,35 @@ def compare(size: int, batch: int, count: int, *, gate: float, rounds: int) -> N
                 elapsed = time_of(draw, frames, backward=True)
                 if turn:
                     times[name].append(elapsed)
-    for name in rivals:
-        report(name, times[name], pairs, None if name == "numba" else times["numba"])
-        if name == "numba":
-            report_share(times[name], pairs, OPERATIONS_FORWARD + OPERATIONS_BACKWARD)
+    return pairs, times
 
 
-def single_frame(size: int, count: int, *, gate: float, repeat: int) -> None:
+def draw_alone(size: int, count: int, *, gate: float, repeat: int) -> tuple[float, list[Time]]:
+    """Pairs of one frame, and the times to draw it forward."""
     scene = gated_scene(1, count, size, gate=gate)
-    pairs = len(pairs_of(scene, size, 0))
-    print(f"1 frame x {count} Gaussians x {size}x{size}, {pairs} pairs, forward only:")
 
     def draw(inputs: Scene) -> Tensor:
         return rasterize(*inputs, height=size, width=size, backend="numba")
 
     times = [time_of(draw, scene, backward=False) for _ in range(repeat + 3)][3:]
+    return float(len(pairs_of(scene, size, 0))), times
+
+
+def compare(size: int, batch: int, count: int, *, gate: float, rounds: int) -> None:
+    """Print how the rasterisers compare, forward and backward."""
+    print(f"{batch} frames x {count} Gaussians x {size}x{size}, forward + backward:")
+    pairs, times = race(size, batch, count, gate=gate, rounds=rounds)
+    print(f"  {pairs:.0f} pairs a frame")
+    for name, own in times.items():
+        report(name, own, pairs, None if name == "numba" else times["numba"])
+        if name == "numba":
+            report_share(own, pairs, OPERATIONS_FORWARD + OPERATIONS_BACKWARD)
+
+
+def single_frame(size: int, count: int, *, gate: float, repeat: int) -> None:
+    """Print the speed of one frame at a time."""
+    pairs, times = draw_alone(size, count, gate=gate, repeat=repeat)
+    print(f"1 frame x {count} Gaussians x {size}x{size}, {pairs:.0f} pairs, forward only:")
     report("numba", times, pairs)
     report_share(times, pairs, OPERATIONS_FORWARD)
     wall = [t.wall for t in times]

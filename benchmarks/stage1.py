@@ -37,7 +37,8 @@ def timed(action: Callable[[], object], *, repeat: int = 20) -> tuple[float, flo
     return statistics.median(times), min(times)
 
 
-def main(threads: int) -> None:
+def time_parts(threads: int) -> dict[str, tuple[float, float]]:
+    """Median and least time of a step of the full protocol, and of its parts [ms]."""
     set_threads(threads)
     experiment = compose("system=krauss_2seg", "profile=full", f"stage1.steps={WARM_STEPS}")
     recording, _ = simulate(replace(experiment.simulation, n_frames=3000), seed=0)
@@ -45,7 +46,6 @@ def main(threads: int) -> None:
     begin = time.perf_counter()
     autoencoder, curve = fit_autoencoder(np.asarray(recording.frames), config, seed=0)
     print(f"{WARM_STEPS} steps from nothing: {time.perf_counter() - begin:.1f} s, mse {curve[-1].mse:.2e}")
-
     images = to_images(np.asarray(recording.frames)[:: len(recording.frames) // config.batch][: config.batch])
     optimizer = make_optimizer(autoencoder, config.rate)
     set_rates(optimizer, config.rate, step=WARM_STEPS, steps=FULL_STEPS)
@@ -60,7 +60,11 @@ def main(threads: int) -> None:
         "optimiser": optimizer.step,
     }
     print(f"{config.batch} frames of 32x32, {config.n_gaussians} Gaussians, d={config.d}, {threads} threads")
-    results = {name: timed(action) for name, action in parts.items()}
+    return {name: timed(action) for name, action in parts.items()}
+
+
+def main(threads: int) -> None:
+    results = time_parts(threads)
     whole = results["whole step"][0]
     for name, (median, least) in results.items():
         print(f"  {name:42s} {median:7.2f} ms (least {least:.2f}), {median / whole:5.0%} of a step")

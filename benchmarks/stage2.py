@@ -74,7 +74,8 @@ def autograd_acceleration(lagrangian: Lagrangian, q: Tensor, v: Tensor, u: Tenso
     return torch.linalg.solve(mass, force)
 
 
-def main() -> None:
+def time_parts() -> dict[str, float]:
+    """Seconds of a step of Adam, of the same by automatic gradients, and of rollouts."""
     # the tensors are too small to share: a second thread costs more than it computes
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -99,22 +100,31 @@ def main() -> None:
         last = half + 0.05 * autograd_acceleration(lagrangian, ahead, half, u)
         return ((ahead - q_next) ** 2).mean() + ((last - v_next) ** 2).mean()
 
-    written = seconds(
-        lambda: descend(lambda: one_step_error(lagrangian, windows, metric, velocity_weight=1.0)), 50
-    )
-    automatic = seconds(lambda: descend(by_autograd), 20)
     start = torch.randn(2, 50, D, dtype=torch.float64)
     drive = torch.rand(50, 30, N_INPUTS, dtype=torch.float64)
-    forecast = seconds(lambda: rollout(lagrangian, 0.1 * start[0], start[1], drive, dt_s=0.0167), 3)
-    law, steps = polynomial_law(), drive.repeat(1, 2, 1)
-    start = 0.3 * start
-    by_torch = seconds(lambda: rollout_in_torch(law, start[0], start[1], steps, dt_s=0.0167), 3)
-    compiled = seconds(lambda: rollout(law, start[0], start[1], steps, dt_s=0.0167), 3)
-    print(f"one Adam step of {BATCH} windows   {1e3 * written:8.2f} ms")
-    print(f"the same by automatic gradients {1e3 * automatic:8.2f} ms   ratio {automatic / written:.1f}")
-    print(f"{STEPS} steps                     {written * STEPS / 60:8.1f} min  (mark: 8)")
-    print(f"50 rollouts of 30 states        {forecast:8.3f} s    (mark: 5)")
-    slower = by_torch / compiled
+    law, slow, longer = polynomial_law(), 0.3 * start, drive.repeat(1, 2, 1)
+    return {
+        "step": seconds(
+            lambda: descend(lambda: one_step_error(lagrangian, windows, metric, velocity_weight=1.0)), 50
+        ),
+        "automatic": seconds(lambda: descend(by_autograd), 20),
+        "rollouts": seconds(lambda: rollout(lagrangian, 0.1 * start[0], start[1], drive, dt_s=0.0167), 3),
+        "by torch": seconds(lambda: rollout_in_torch(law, slow[0], slow[1], longer, dt_s=0.0167), 3),
+        "compiled": seconds(lambda: rollout(law, slow[0], slow[1], longer, dt_s=0.0167), 3),
+    }
+
+
+def main() -> None:
+    taken = time_parts()
+    step, compiled = taken["step"], taken["compiled"]
+    print(f"one Adam step of {BATCH} windows   {1e3 * step:8.2f} ms")
+    print(
+        f"the same by automatic gradients {1e3 * taken['automatic']:8.2f} ms   "
+        f"ratio {taken['automatic'] / step:.1f}"
+    )
+    print(f"{STEPS} steps                     {step * STEPS / 60:8.1f} min  (mark: 8)")
+    print(f"50 rollouts of 30 states        {taken['rollouts']:8.3f} s    (mark: 5)")
+    slower = taken["by torch"] / compiled
     print(f"50 of 60 states, polynomials    {compiled:8.3f} s    by torch {slower:.0f} times as long")
 
 

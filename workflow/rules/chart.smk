@@ -14,6 +14,7 @@ rule chart:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/chart.tsv"
     conda:
         "../envs/lagsplat.yaml"
+    priority: 1  # before the models that it is compared with
     threads: 1
     resources:
         mem_mb=3000,

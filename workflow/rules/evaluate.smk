@@ -25,6 +25,7 @@ rule evaluate:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/evaluate.tsv"
     conda:
         "../envs/lagsplat.yaml"
+    priority: 1  # before the models that it is compared with
     threads: 1
     resources:
         mem_mb=3000,

@@ -17,6 +17,7 @@ rule stage2:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/stage2.tsv"
     conda:
         "../envs/lagsplat.yaml"
+    priority: 1  # before the models that it is compared with
     threads: 1
     resources:
         mem_mb=4000,

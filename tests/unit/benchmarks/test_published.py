@@ -1,6 +1,8 @@
 """The published results: each planned file is there, and is the one that its manifest names."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +46,7 @@ def test_recordings_that_are_not_there_leave_a_folder_as_it_is(monkeypatch, caps
     assert command[2:5] == [
         "a.csv",
         "--config",
-        "hydra=systems=[pendulum_pair,pendulum_pair_both,pendulum_timer,building_sway] recording=filmed",
+        "hydra=systems=[pendulum_pair,pendulum_pair_both,pendulum_timer,building_sway] recording=filmed seeds=[0,1,2]",
     ]
     assert "hydra_pendulum_pair=recording.path={data}/pendulum_pair/video2.mp4" in command
 
@@ -61,5 +63,23 @@ def test_a_figure_is_reduced_and_another_file_is_not(tmp_path: Path) -> None:
 
 
 def test_an_unknown_folder_is_refused() -> None:
-    with pytest.raises(SystemExit, match="no folder quick_moon; choose from quick_simulated_seven"):
+    with pytest.raises(SystemExit, match="no folder quick_moon; choose from speed, quick_simulated_seven"):
         published.main("quick_moon")
+
+
+def test_minutes_of_several_calls_are_added_and_a_failure_is_raised(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(published, "WORK", tmp_path)
+    clock = tmp_path / "some.minutes"
+    for _ in range(2):
+        published.run_timed([sys.executable, "-c", "import time; time.sleep(0.6)"], clock)
+    assert 0.02 < float(clock.read_text()) < 0.5
+    with pytest.raises(subprocess.CalledProcessError):
+        published.run_timed([sys.executable, "-c", "raise SystemExit(3)"], clock)
+
+
+def test_settings_are_told_apart_and_recordings_need_not_be_there() -> None:
+    plan = published.read_plan()
+    told = {name: published.describe_settings(folder) for name, folder in plan.items()}
+    assert told["quick_baselines"]["settings_sha256"] != told["quick_simulated_seven"]["settings_sha256"]
+    assert told["quick_filmed_four"]["seeds"]["runs"] == [0, 1, 2]
+    assert told["full_krauss_2seg"]["seeds"]["runs"] == [0, 1, 2, 3, 4]
