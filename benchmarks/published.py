@@ -86,7 +86,7 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
             run_timed(words, clock)
         else:
             take_file(WORK / made["needs"], out)
-        entry[key] = {"made_by": made.get("command", made["needs"]), "sha256": sha256_of(out)}
+        entry[key] = {"made_by": made.get("command") or made["needs"], "sha256": sha256_of(out)}
     return {
         "commit": commit,
         "command": shlex.join(command),

@@ -43,11 +43,8 @@ def test_recordings_that_are_not_there_leave_a_folder_as_it_is(monkeypatch, caps
     published.main("quick_filmed_four")
     assert "left as it is, for FILMS names no folder" in capsys.readouterr().out
     command = published.write_command(published.read_plan()["quick_filmed_four"], ["a.csv"])
-    assert command[2:5] == [
-        "a.csv",
-        "--config",
-        "hydra=systems=[pendulum_pair,pendulum_pair_both,pendulum_timer,building_sway] recording=filmed seeds=[0,1,2]",
-    ]
+    films = "systems=[pendulum_pair,pendulum_pair_both,pendulum_timer,building_sway]"
+    assert command[2:5] == ["a.csv", "--config", f"hydra={films} recording=filmed seeds=[0,1,2]"]
     assert "hydra_pendulum_pair=recording.path={data}/pendulum_pair/video2.mp4" in command
 
 
@@ -83,3 +80,13 @@ def test_settings_are_told_apart_and_recordings_need_not_be_there() -> None:
     assert told["quick_baselines"]["settings_sha256"] != told["quick_simulated_seven"]["settings_sha256"]
     assert told["quick_filmed_four"]["seeds"]["runs"] == [0, 1, 2]
     assert told["full_krauss_2seg"]["seeds"]["runs"] == [0, 1, 2, 3, 4]
+
+
+def test_the_entry_of_a_file_made_by_a_command_names_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(published, "WORK", tmp_path / "work")
+    monkeypatch.setattr(published, "PUBLISHED", tmp_path / "published")
+    monkeypatch.setattr(published, "name_commit", lambda: "abc")
+    write = 'python -c \'import sys; open(sys.argv[1], "w").write("a")\' {out}'
+    entry = published.make_folder("some", {"files": {"a.txt": {"command": write}}})
+    assert (tmp_path / "published/some/a.txt").read_text() == "a"
+    assert (entry["commit"], entry["command"], entry["files"]["a.txt"]["made_by"]) == ("abc", "", write)
