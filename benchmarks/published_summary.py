@@ -1,11 +1,13 @@
-"""The table of the README: what was measured, read from the published files.
+"""Tables of what was published: the README's, read from the published files, and that of the manifest.
 
-Each row names a page that has the same numbers with their spread, command and figures.
+Each row of the first names a page that has the same numbers with their spread, command and figures.
 """
 
+import json
 from pathlib import Path
 
 import pandas as pd
+import yaml
 
 PUBLISHED = Path(__file__).resolve().parents[1] / "results" / "published"
 BASELINES = ("Osc. + deconv", "Osc. + ABCD", "Koopman + deconv", "Koopman + ABCD")
@@ -134,3 +136,16 @@ def show_summary() -> None:
         what, numbers, page = summarize()
         print(f"| {page}: {what} | {numbers} |")
     print()
+
+
+def show_manifest() -> None:
+    """Print the table of the published folders: what they hold, and how they were made."""
+    manifest = json.loads((PUBLISHED / "manifest.json").read_text("utf-8"))
+    plan = yaml.safe_load(Path(__file__).with_name("published.yaml").read_text("utf-8"))
+    print("\n| folder | what | seeds | commit | minutes |\n|---|---|---|---|---|")
+    for name, made in manifest.items():
+        seeds = made.get("seeds", {}).get("runs", ["–"])
+        cells = (f"`{name}`", plan[name]["about"], ", ".join(map(str, seeds)), f"`{made['commit']}`")
+        print(f"| {' | '.join(cells)} | {made['minutes']:.0f} |")
+    machines = sorted({made["machine"] for made in manifest.values()})
+    print(f"\nMachine: {'; '.join(machines)}.\n")

@@ -65,15 +65,31 @@ def show(name: str, part: int = 0) -> None:
     print(f"\n{format_markdown(tables[part])}\n")
 
 
+def show_plain(name: str) -> None:
+    """Print a published table that has no printed form as it stands, numbers to three digits."""
+    table = pd.read_csv(ROOT / "results/published" / f"{name}.csv", keep_default_na=False, na_values=[""])
+    print(f"\n| {' | '.join(table.columns)} |\n|{'---|' * len(table.columns)}")
+    for row in table.itertuples(index=False):
+        cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row]
+        print(f"| {' | '.join('' if cell == 'nan' else cell for cell in cells)} |")
+    print()
+
+
 def list_pages() -> list[Path]:
     """The pages that have a table of a published file."""
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    published = ROOT / "results" / "published" / "README.md"
+    pages = [ROOT / "README.md", published, *sorted((ROOT / "docs").rglob("*.md"))]
     return [page for page in pages if "[[[cog" in page.read_text("utf-8")]
 
 
 def write_pages(*options: str) -> int:
     """Write the tables of all pages again; with ``--check`` compare them. Returns cog's exit status."""
-    prologue = "from benchmarks.published_tables import show"
+    functions = {
+        "tables": "show, show_plain",
+        "summary": "show_manifest, show_summary",
+        "sealed": "show_sealed",
+    }
+    prologue = "; ".join(f"from benchmarks.published_{name} import {f}" for name, f in functions.items())
     return int(Cog().main(["cog", "-r", "-P", "-p", prologue, *options, *map(str, list_pages())]) or 0)
 
 

@@ -58,6 +58,19 @@ class BaselineRateConfig:
 
 
 @dataclass
+class BaselineValidationConfig:
+    """Forecasts of a part that is kept from training, by which the weights are chosen."""
+
+    share: float  # the end of the training part, as a share of it; with 0 the last weights are taken
+    checks: int  # how often over the run
+    starts: int  # forecasts of half a second at each
+
+    def __post_init__(self) -> None:
+        check.require_interval(self, "baseline.validation", "[0, 1)", "share")
+        check.require_least(self, "baseline.validation", 1, "checks", "starts")
+
+
+@dataclass
 class BaselineConfig:
     """All settings of a baseline; recording and seed come apart."""
 
@@ -74,6 +87,7 @@ class BaselineConfig:
     checkpoint_every_s: float
     loss: BaselineLossConfig
     rate: BaselineRateConfig
+    validation: BaselineValidationConfig
     weights: str | None
     """Published weights instead of training: a file, or a folder with ``SYSTEM/BASELINE.pt``."""
 

@@ -20,6 +20,7 @@ from lagsplat.baselines import networks
 from lagsplat.baselines.config import BaselineConfig, BaselineLossConfig, BaselineRateConfig
 from lagsplat.baselines.model import UNDECAYED, Baseline, BaselineArchitecture, Oscillators, stack_delays
 from lagsplat.baselines.released import load_released
+from lagsplat.baselines.validation import ForecastValidation, WeightSelection, withhold_frames
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
@@ -30,7 +31,10 @@ PATIENCE = 10  # maximum number of consecutive batches without a finite gradient
 
 
 class BaselineCurvePoint(NamedTuple):
-    """Means since the previous point; ``seconds`` is the total training time without interruptions."""
+    """Means since the previous point; ``seconds`` is the total training time without interruptions.
+
+    ``validation`` is the error of the last forecasts that were checked, NaN before the first.
+    """
 
     step: int
     loss: float
@@ -41,6 +45,7 @@ class BaselineCurvePoint(NamedTuple):
     steady: float
     attention: float
     closing: float
+    validation: float
     seconds: float
 
 
@@ -72,7 +77,8 @@ def fit_baseline(
 
     Every random draw is a function of the seed and the step, so a run resumed from ``checkpoint`` ends with
     the same bits as an uninterrupted one; ``identity`` identifies the run in that file. The dynamics step
-    once per median frame spacing.
+    once per median frame spacing. Where a part is withheld (``config.validation``), the weights are those
+    whose forecasts of it were best, else the last.
 
     Raises:
         ValueError: no clip is as long as a batch, the inputs or the frames do not suit the models.
@@ -82,7 +88,7 @@ def fit_baseline(
     Source: the published runs trained for 300 passes.
     """
     fit = BaselineFit(train, config, seed)
-    model, optimizer = fit.baseline, fit.optimizer
+    model, optimizer = fit.selection, fit.optimizer
     curve = load_training_state(checkpoint, model, optimizer, BaselineCurvePoint, identity=identity)
     run_training(
         fit.take_step,
@@ -95,7 +101,7 @@ def fit_baseline(
         save_every_s=config.checkpoint_every_s,
         ends=[config.n_steps],
     )
-    return model.eval(), curve
+    return (model.current if fit.validation is None else model.best).eval(), curve
 
 
 class BaselineFit:
@@ -111,10 +117,12 @@ class BaselineFit:
                 f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; "
                 "leave this system out of the baselines"
             )
-        starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in train.segments]
-        if not sum(map(len, starts)) or config.rest_frames > train.n_frames:
+        n_frames = withhold_frames(train, config.validation)
+        clips = [(a, min(b, n_frames)) for a, b in train.segments]
+        starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in clips]
+        if not sum(map(len, starts)) or config.rest_frames > n_frames:
             raise ValueError(
-                f"recording {train.meta.get('source')}: {train.n_frames} training frames in "
+                f"recording {train.meta.get('source')}: {n_frames} training frames in "
                 f"{len(train.segments)} clip(s) hold no batch of {config.batch} frames or no "
                 f"{config.rest_frames} frames at rest; lower baseline.batch or baseline.rest_frames"
             )
@@ -123,8 +131,14 @@ class BaselineFit:
         self.inputs = torch.from_numpy(delayed.astype(np.float32))
         self.starts = np.concatenate(starts).astype(np.int64)
         self.config, self.seed, self.lost = config, seed, 0
+        self.validation = (
+            ForecastValidation(train, self.frames, self.inputs, config.validation, first=n_frames)
+            if config.validation.share
+            else None
+        )
         torch.manual_seed(seed)
         self.baseline = Baseline(choose_architecture(config, train))
+        self.selection = WeightSelection(self.baseline)
         self.optimizer = make_baseline_optimizer(self.baseline, config.rate)
 
     def take_step(self, step: int) -> Float32[np.ndarray, " terms"] | None:
@@ -139,7 +153,14 @@ class BaselineFit:
             )
         if self.lost:
             log.warning("step %d: the gradient is not finite, nothing is learned from this batch", step)
-        return terms
+        self.validate(step + 1)
+        return None if terms is None else np.append(terms, np.float32(self.selection.error))
+
+    def validate(self, step: int) -> None:
+        """Check the forecasts where it is time, after ``step`` steps; keep the weights if they are best."""
+        every = max(1, self.config.n_steps // self.config.validation.checks)
+        if self.validation is not None and (step % every == 0 or step == self.config.n_steps):
+            self.selection.update(self.validation.measure_error(self.baseline), step=step)
 
     def train_step(self, step: int) -> Float32[np.ndarray, " terms"] | None:
         """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""

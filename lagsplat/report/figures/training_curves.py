@@ -156,5 +156,6 @@ def draw_curves(
         axis.set_xlabel(f"training step, of {count}")
         axis.grid(axis="y", color=style.GRID, linewidth=0.4)
         style.label_decades(axis.yaxis)
-        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.2)
+        across = len(columns) if len(columns) < 5 else 3
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=across, borderaxespad=0.2)
     return figure

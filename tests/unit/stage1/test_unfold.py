@@ -45,6 +45,19 @@ def test_a_motion_wider_than_the_object_is_not_folded(motion, seed):
     assert latents.std() == pytest.approx(1.0, abs=0.1)
 
 
+def test_filters_that_miss_the_motion_are_drawn_again_apart_from_the_stream_of_random_numbers(motion):
+    positions, images = motion
+    torch.manual_seed(0)
+    encoder = Encoder(1, kernel=12, channels=2)
+    expected = torch.get_rng_state()
+    with torch.no_grad():
+        encoder.convolutions[0].weight.zero_()
+    initialize_encoder(encoder, film(images), seed=0)
+    latents = encoder(images).detach().numpy()[:, 0]
+    assert abs(spearmanr(positions, latents).statistic) > 0.98
+    assert torch.equal(torch.get_rng_state(), expected)
+
+
 def test_geodesic_coordinates_are_positions_along_the_motion(motion):
     positions, images = motion
     coordinates = compute_geodesic_coordinates(images, 1)[:, 0]
