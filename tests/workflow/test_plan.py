@@ -18,6 +18,7 @@ ORDER = [
     "log",
     "benchmark",
     "conda",
+    "priority",
     "threads",
     "resources",
     "params",
