@@ -354,7 +354,7 @@ def test_every_rule_says_what_it_does_where_it_logs_and_what_it_costs() -> None:
         for text in f"\n{path.read_text(encoding='utf-8')}".split("\nrule ")[1:]:
             found = re.findall(r"^    (\w+):", text, flags=re.MULTILINE)
             assert found == [key for key in ORDER if key in found], text[:40]
-            assert set(ORDER) - set(found) <= {"input"}, text[:40]
+            assert set(ORDER) - set(found) <= {"input", "priority"}, text[:40]
 
 
 def resources_of_rules() -> dict[str, dict[str, str]]:
