@@ -3,7 +3,7 @@
 Usage: ``OMP_WAIT_POLICY=PASSIVE python -m benchmarks.speed OUT.csv [RESULTS]``, on an idle machine. Without
 ``RESULTS``, the folder of a workflow's runs, the parts are timed: the rasteriser beside the bound of its
 arithmetic (see `benchmarks.raster`), one step of each stage at full size, drawing in space. With it the
-minutes of one core are written that each system's jobs took, as Snakemake recorded them, two jobs at a time.
+minutes of processor time are written that each system's jobs took, as Snakemake recorded them.
 """
 
 import os
@@ -75,7 +75,7 @@ def row(
 
 
 def gather_minutes(results: Path) -> list[dict[str, object]]:
-    """Minutes of a core by system and stage, from the records of the jobs of one run each.
+    """Minutes of processor time by system and stage, from the records of the jobs of one run each.
 
     Raises:
         FileNotFoundError: no system has run from its recording to its scores.
@@ -85,7 +85,7 @@ def gather_minutes(results: Path) -> list[dict[str, object]]:
         paths = {stage: [folder / f"{name}.tsv" for name in names] for stage, names in JOBS.items()}
         if all(path.is_file() for each in paths.values() for path in each):
             taken = {
-                stage: sum(pd.read_csv(path, sep="\t")["s"].sum() for path in each) / 60
+                stage: sum(pd.read_csv(path, sep="\t")["cpu_time"].sum() for path in each) / 60
                 for stage, each in paths.items()
             }
             found.append({"system": folder.name, **taken, "all": sum(taken.values())})
