@@ -3,7 +3,7 @@
 Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
 runs in ``build/published``, so a call that was stopped goes on, and the minutes of all calls are counted.
 Uncommitted changes are refused: the manifest names the commit. Figures are reduced to `WIDEST` pixels and
-256 colours. The tables of the pages follow at the end.
+`COLOURS`. The tables of the pages follow at the end.
 """
 
 import json
@@ -32,7 +32,7 @@ PLAN = Path(__file__).with_name("published.yaml")
 PUBLISHED = ROOT / "results" / "published"
 MANIFEST = PUBLISHED / "manifest.json"
 WORK = ROOT / "build" / "published"
-WIDEST = 1400
+WIDEST, COLOURS = 1100, 128
 TICK_S = 10.0  # between two records of the time taken, of which a killed call loses the last
 
 
@@ -84,8 +84,7 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
             told = made["command"].format(run=WORK / "results", out=out, published=PUBLISHED)
             words = [sys.executable if word == "python" else word for word in shlex.split(told)]
             run_timed(words, clock)
-        else:
-            take_file(WORK / made["needs"], out)
+        take_file(out if "command" in made else WORK / made["needs"], out)
         entry[key] = {"made_by": made.get("command") or made["needs"], "sha256": sha256_of(out)}
     return {
         "commit": commit,
@@ -144,14 +143,15 @@ def _environment() -> dict[str, str]:
 
 
 def take_file(made: Path, out: Path) -> None:
-    """Copy a file, a figure reduced."""
+    """Copy a file, a figure reduced; what is there already is only reduced."""
     if made.suffix != ".png":
-        shutil.copy(made, out)
+        if made != out:
+            shutil.copy(made, out)
         return
     with Image.open(made) as figure:
         picture = figure.convert("RGB")
         picture.thumbnail((WIDEST, 4 * WIDEST))
-        picture.quantize(256).save(out, optimize=True)
+        picture.quantize(COLOURS).save(out, optimize=True)
 
 
 def main(*names: str) -> None:
