@@ -148,7 +148,7 @@ def _draw_windows(axes: Any, images: LastImages) -> None:
     # A finer decoder may be shown, but the motion was read off frames of this size.
     height, width = (round(side / images.scale) for side in images.at_encoded.shape[:2])
     axes[1].set_xlabel(
-        f"shift {length / images.scale:.2f} px (of {width}×{height})\n"
+        f"shift {length / images.scale:.2f} px\nin frames of {width}×{height},\n"
         f"{format_number(inset.ratio)} × the local\nreconstruction error"
     )
     if length >= MIN_SHIFT_PX:
