@@ -100,7 +100,7 @@ def test_rollout(view, tmp_path):
         "inputs\n(N)",
         f"latent NRMSE {view.nrmse:.3f} over 3.0 s",
         "natural periods of 0.50 s",
-        "px (of 16×16)",
+        "in frames of 16×16",
         f"{format_number(view.images.inset.ratio)} × the local\nreconstruction error",
     ):
         assert part in words
