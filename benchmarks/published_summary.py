@@ -115,7 +115,7 @@ def summarize_diagnosis() -> tuple[str, str, str]:
         "diagnosis of sealed recordings, simulated; one effect, right first: on mechanisms that nothing was "
         "fitted to; with four coordinates; from films; in all splits (aim 0.90). No effect, one named (0.03). "
         "Outside the catalogue, called unknown or undetermined (0.92)",
-        "; ".join([unseen[2], arm[2], films[2], every[2]]) + f". {every[5]}. {every[6]}",
+        ". ".join(["; ".join([unseen[2], arm[2], films[2], every[2]]), *every[5:7]]),
         f"[diagnosis]({PAGE}/diagnosis-sealed.md)",
     )
 
