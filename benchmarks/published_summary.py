@@ -113,8 +113,8 @@ def summarize_diagnosis() -> tuple[str, str, str]:
     _, unseen, arm, films, every, _ = list_rows()
     return (
         "diagnosis of sealed recordings, simulated; one effect, right first: on mechanisms that nothing was "
-        "fitted to; with four coordinates; from films; in all splits (aim 0.90). No effect, one named (0.03). "
-        "Outside the catalogue, called unknown or undetermined (0.92)",
+        "fitted to; with four coordinates; from films; in all splits (aim 0.90). No effect: one named (0.03)."
+        " Outside the catalogue, called unknown or undetermined (0.92)",
         ". ".join(["; ".join([unseen[2], arm[2], films[2], every[2]]), *every[5:7]]),
         f"[diagnosis]({PAGE}/diagnosis-sealed.md)",
     )
