@@ -67,13 +67,15 @@ def name_commit() -> str:
 
 def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     """Run the workflow for a folder, take its files, and return its entry of the manifest."""
-    commit, clock = name_commit(), WORK / f"{name}-{name_commit()}.minutes"
+    commit, clock = name_commit(), WORK / f"{name}.minutes"
     files = {key: {"needs": made} if isinstance(made, str) else made for key, made in folder["files"].items()}
     command = write_command(folder, [each["needs"] for each in files.values() if "needs" in each])
     WORK.mkdir(parents=True, exist_ok=True)
     where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(WORK)]
     words = [word.replace("{data}", os.environ.get(folder.get("data", ""), "")) for word in command]
-    if words:
+    if not words:
+        clock.unlink(missing_ok=True)  # nothing that an earlier call made is taken
+    else:
         run_timed([sys.executable, "-m", *words, *where], clock)
     into = place_of(name, folder)
     into.mkdir(parents=True, exist_ok=True)
