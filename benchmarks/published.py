@@ -59,7 +59,8 @@ def name_commit() -> str:
         done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
         return done.stdout.strip()
 
-    made = (":!results/published", ":!docs", ":!README.md")
+    own = (":!results/published", ":!docs", ":!README.md")  # what this program writes
+    changed = git("status", "--porcelain", "--", ".", *own)
     if changed:
         sys.exit(f"not committed, so the manifest could not say what made its files:\n{changed}")
     return git("rev-parse", "--short=10", "HEAD")
