@@ -12,9 +12,9 @@ rule chart:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/chart.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/chart.tsv"
+    priority: 1  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
-    priority: 1  # before the models that it is compared with
     threads: 1
     resources:
         mem_mb=3000,

@@ -23,9 +23,9 @@ rule evaluate:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/evaluate.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/evaluate.tsv"
+    priority: 1  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
-    priority: 1  # before the models that it is compared with
     threads: 1
     resources:
         mem_mb=3000,

@@ -19,10 +19,10 @@ rule stage1:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/stage1.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/stage1.tsv"
+    priority: 1  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
     # The rasteriser shares out the frames of a batch: with few of them a second core would idle.
-    priority: 1  # before the models that it is compared with
     threads: lambda wildcards: 8 if section("stage1.batch")(wildcards) >= 16 else 1
     resources:
         mem_mb=4000,
