@@ -14,6 +14,7 @@ DASH_NOTE = "A dash: not measured, or not reported."
 BOLD_NOTE = "Bold: the best of those that can be compared."
 MOST_DIGITS = 4  # of a number with an interval
 MOST_LINES = 36  # of one float, which then stays with caption and notes below the height of a page
+MOST_COLUMNS = 7  # in the usual size of type
 # With booktabs loaded these three do nothing; without it the table still compiles.
 BOOKTABS_FALLBACK = (
     r"\providecommand{\toprule}{\hline}"
@@ -229,13 +230,14 @@ def _format_float(
         heading = rf"\multicolumn{{{len(table.columns)}}}{{@{{}}l}}{{\emph{{{escape_latex(title)}}}}} \\"
         body += [r"\midrule", *([heading] if title else [])]
         body += [_join([_cell_latex(*pair) for pair in zip(row, table.columns, strict=True)]) for row in rows]
+    size, gap_pt = ("scriptsize", 2.5) if len(table.columns) > MOST_COLUMNS else ("footnotesize", 3.5)
     notes = escape_latex(" ".join(table.notes)) if is_first else ""
     below = [rf"\par\vspace{{3pt}}\parbox{{\textwidth}}{{\scriptsize\raggedright {notes}}}"] if notes else []
     return "\n".join(
         [
             BOOKTABS_FALLBACK,
             r"\begin{table*}",
-            r"\centering\footnotesize\setlength{\tabcolsep}{3.5pt}",
+            rf"\centering\{size}\setlength{{\tabcolsep}}{{{gap_pt}pt}}",
             rf"\caption{{{caption}}}",
             rf"\label{{{label}}}\par\vspace{{3pt}}",
             rf"\begin{{tabular}}{{@{{}}{''.join(map(_alignment, table.columns))}@{{}}}}",
