@@ -40,9 +40,8 @@ def read_scores(split: str) -> dict[str, Any]:
 def add_counts(scores: list[dict[str, Any]], measure: str) -> tuple[int, int]:
     """Hits and trials of a measure over several splits."""
     found = [each[measure] for each in scores if measure in each]
-    return sum(round(each["value"] * each["n"]) for each in found if each["n"]), sum(
-        each["n"] for each in found
-    )
+    hits = sum(round(each["value"] * each["n"]) for each in found if each["n"])
+    return hits, sum(each["n"] for each in found)
 
 
 def write_share(hits: int, trials: int) -> str:

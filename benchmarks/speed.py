@@ -12,8 +12,10 @@ import sys
 from pathlib import Path
 
 import pandas as pd
+import torch
 
 from benchmarks import raster, space, stage1, stage2
+from lagsplat.provenance import set_threads
 
 THREADS = os.cpu_count() or 1
 JOBS = {
@@ -27,8 +29,8 @@ JOBS = {
 
 def time_rasteriser() -> list[dict[str, object]]:
     """Rows of the rasteriser: pairs a second, their share of the bound, and ratios to its rivals."""
-    raster.set_threads(THREADS)
-    raster.torch.set_num_threads(THREADS)
+    set_threads(THREADS)
+    torch.set_num_threads(THREADS)
     pairs, times = raster.race(32, 64, 2048, gate=1.5, rounds=3)
     wall = {name: statistics.median(each.wall for each in own) for name, own in times.items()}
     ours, best = wall.pop("numba"), min(each.wall for each in times["numba"])
@@ -52,7 +54,7 @@ def time_stages() -> list[dict[str, object]]:
     """Rows of drawing in space and of one step of each stage."""
     step = stage1.time_parts(THREADS)["whole step"][0]
     law = 1e3 * stage2.time_parts()["step"]
-    raster.set_threads(THREADS)
+    set_threads(THREADS)
     solid = space.time_pictures()["in space"]
     return [
         row("15 000 Gaussians in space, 256x256, four at a time", "pictures/s", solid, mark="at least 120"),

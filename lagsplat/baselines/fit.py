@@ -20,7 +20,7 @@ from lagsplat.baselines import networks
 from lagsplat.baselines.config import BaselineConfig, BaselineLossConfig, BaselineRateConfig
 from lagsplat.baselines.model import UNDECAYED, Baseline, BaselineArchitecture, Oscillators, stack_delays
 from lagsplat.baselines.released import load_released
-from lagsplat.baselines.validation import ForecastValidation, WeightSelection, withhold_frames
+from lagsplat.baselines.validation import ForecastValidation, WeightSelection, count_trained_frames
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
@@ -117,7 +117,7 @@ class BaselineFit:
                 f"recording {train.meta.get('source')}: no inputs, but the baselines are driven models; "
                 "leave this system out of the baselines"
             )
-        n_frames = withhold_frames(train, config.validation)
+        n_frames = count_trained_frames(train, config.validation)
         clips = [(a, min(b, n_frames)) for a, b in train.segments]
         starts = [np.arange(a, b - config.batch + 1, config.batch) for a, b in clips]
         if not sum(map(len, starts)) or config.rest_frames > n_frames:
@@ -160,7 +160,7 @@ class BaselineFit:
         """Check the forecasts where it is time, after ``step`` steps; keep the weights if they are best."""
         every = max(1, self.config.n_steps // self.config.validation.checks)
         if self.validation is not None and (step % every == 0 or step == self.config.n_steps):
-            self.selection.update(self.validation.measure_error(self.baseline), step=step)
+            self.selection.update(self.validation.measure_error(self.baseline))
 
     def train_step(self, step: int) -> Float32[np.ndarray, " terms"] | None:
         """One gradient step: the loss and its unweighted terms, or None without a finite gradient."""

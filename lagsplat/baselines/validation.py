@@ -16,7 +16,7 @@ from lagsplat.stage1.autoencoder import to_images
 HORIZON_S = 0.5  # of the tables' short forecasts
 
 
-def withhold_frames(train: Recording, config: BaselineValidationConfig) -> int:
+def count_trained_frames(train: Recording, config: BaselineValidationConfig) -> int:
     """Number of leading frames of the training part that are trained on; all where nothing is withheld."""
     return train.n_frames - round(config.share * train.n_frames)
 
@@ -81,19 +81,16 @@ class WeightSelection(nn.Module):
 
     error: torch.Tensor
     least: torch.Tensor
-    step: torch.Tensor
 
     def __init__(self, current: Baseline) -> None:
         super().__init__()
         self.current, self.best = current, copy.deepcopy(current)
         self.register_buffer("error", torch.tensor(math.nan, dtype=torch.float64))
         self.register_buffer("least", torch.tensor(math.inf, dtype=torch.float64))
-        self.register_buffer("step", torch.tensor(0))
 
-    def update(self, error: float, *, step: int) -> None:
-        """Take the weights after ``step`` steps if their validation error is the least so far."""
+    def update(self, error: float) -> None:
+        """Keep the present weights if their validation error is the least so far."""
         self.error.fill_(error)
         if error < float(self.least):
             self.least.fill_(error)
-            self.step.fill_(step)
             self.best.load_state_dict(self.current.state_dict())
