@@ -20,9 +20,9 @@ from lagsplat.provenance import set_threads
 THREADS = os.cpu_count() or 1
 JOBS = {
     "recording": ("recording",),
-    "stage 1": ("default-0/stage1",),
-    "stage 2": ("default-0/chart", "default-0/default-0/stage2"),
-    "scores": ("default-0/default-0/evaluate", "default-0/simple/evaluate"),
+    "stage 1": ("{run}/stage1",),
+    "stage 2": ("{run}/chart", "{run}/{run}/stage2"),
+    "scores": ("{run}/{run}/evaluate", "{run}/simple/evaluate"),
 }
 """The jobs from nothing to the scores of one run, by stage."""
 
@@ -76,21 +76,31 @@ def row(
     return {"what": what, "unit": unit, "median": value, "best": best, "mark": mark, "cores": THREADS}
 
 
+def read_minutes(folder: Path, run: str) -> dict[str, float]:
+    """Minutes of the jobs of one run by stage, from Snakemake's records; empty where a record is missing."""
+    paths = {
+        stage: [folder / f"{name.format(run=run)}.tsv" for name in names] for stage, names in JOBS.items()
+    }
+    if not all(path.is_file() for each in paths.values() for path in each):
+        return {}
+    taken = {
+        stage: sum(pd.read_csv(path, sep="\t")["cpu_time"].sum() for path in each) / 60
+        for stage, each in paths.items()
+    }
+    return {**taken, "all": sum(taken.values())}
+
+
 def gather_minutes(results: Path) -> list[dict[str, object]]:
-    """Minutes of processor time by system and stage, from the records of the jobs of one run each.
+    """Minutes of processor time by system and stage: medians over the seeds whose jobs have all run.
 
     Raises:
         FileNotFoundError: no system has run from its recording to its scores.
     """
     found = []
     for folder in sorted((results / "quick/benchmarks/simulated").iterdir()):
-        paths = {stage: [folder / f"{name}.tsv" for name in names] for stage, names in JOBS.items()}
-        if all(path.is_file() for each in paths.values() for path in each):
-            taken = {
-                stage: sum(pd.read_csv(path, sep="\t")["cpu_time"].sum() for path in each) / 60
-                for stage, each in paths.items()
-            }
-            found.append({"system": folder.name, **taken, "all": sum(taken.values())})
+        runs = [read_minutes(folder, each.name) for each in sorted(folder.glob("default-*"))]
+        if complete := [run for run in runs if run]:
+            found.append({"system": folder.name, **pd.DataFrame(complete).median()})
     if not found:
         raise FileNotFoundError(
             f"{results} has no system with the records of all jobs; run the workflow there"
