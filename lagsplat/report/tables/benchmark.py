@@ -9,6 +9,7 @@ from lagsplat.baselines.config import BASELINE_TITLES
 from lagsplat.evaluate.aggregate import MEAN_IMAGE, MEASURED, SERIES, aggregate, paired_margin
 from lagsplat.report.common import table_rows
 from lagsplat.report.common.printed_table import (
+    Column,
     PrintedTable,
     Row,
     lay_out,
@@ -145,12 +146,22 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
     shared: dict[str, Any] = {
         "block": lambda row: table_rows.name_block(row, titles, key="robot"),
         "compared": ("robot", "recording"),
+        "caption": f"Held-out part of each recording. {table_rows.describe_runs(table)}",
     }
     below = any(row.get("converged") is False for row in table.to_dict("records"))
     note = f"{BELOW_MEAN}: no better than the mean image; no gain over it is given."
     method = make_text_column("Method", _name_method, note=note if below else "")
-    scores = [
-        method,
+    scores, rest = [method, *_list_score_columns()], [method, *_list_other_columns()]
+    lead = "Forecasts of the pneumatic arms"
+    paper = [table_rows.tell_of_paper(table, "The paper's numbers are of its own films.")]
+    return [
+        lay_out(table, scores, label="tab:krauss", lead=f"{lead}.", notes=paper, **shared),
+        lay_out(table, rest, label="tab:krauss-rest", lead=f"{lead}: models and forces.", **shared),
+    ]
+
+
+def _list_score_columns() -> list[Column]:
+    return [
         make_count_column("d", "Dim."),
         make_number_column(
             *("mse_half_second", "MSE 0.5 s", "(10⁻³)"),
@@ -167,9 +178,11 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
         make_number_column("latent_nrmse", "Latent", "NRMSE (%)", scale=1e2, best="lowest"),
         table_rows.make_diverged_column(),
     ]
+
+
+def _list_other_columns() -> list[Column]:
     floor = "AE floor: image error of the autoencoder."
-    rest = [
-        method,
+    return [
         make_text_column("Dynamics", lambda row: row["dynamics"]),
         make_number_column("ae_floor", "AE floor", "(10⁻⁵)", scale=1e5, best="lowest", note=floor),
         make_number_column(
@@ -186,15 +199,15 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
             lambda row: row["external_force"],
             note="External force: where a force given in the image can act.",
         ),
-        make_count_column("steps", "Steps", note="Steps: of training the image model, or a baseline."),
+        make_number_column(
+            *("frames_seen", "Frames", "(10³)"),
+            scale=1e-3,
+            note="Frames: seen while the image model, or a baseline, was trained.",
+        ),
+        make_number_column(
+            "wall_s", "Time", "(min)", scale=1 / 60, digits=2, note="Time: of all training, on the clock."
+        ),
         make_count_column("windows", "Windows", note="Windows: of half a second that do not overlap."),
-    ]
-    shared["caption"] = f"Held-out part of each recording. {table_rows.describe_runs(table)}"
-    lead = "Forecasts of the pneumatic arms"
-    paper = [table_rows.tell_of_paper(table, "The paper's numbers are of its own films.")]
-    return [
-        lay_out(table, scores, label="tab:krauss", lead=f"{lead}.", notes=paper, **shared),
-        lay_out(table, rest, label="tab:krauss-rest", lead=f"{lead}: models and forces.", **shared),
     ]
 
 

@@ -65,6 +65,7 @@ def build_deformation_table(
 def lay_out_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
     """Lay out the table of `build_deformation_table`; ``titles`` gives the name of each system."""
     ours = table[table["profile"] != "the paper's"]
+    gaussians, steps = (join_distinct(ours[key].astype(int)) for key in ("n_gaussians", "steps"))
     columns = [
         make_text_column("Decoder", lambda row: DECODER_TITLES.get(row["decoder"], row["decoder"])),
         make_number_column("l1", "L1", best="lowest", note="L1 and SSIM: over the frames that were fitted."),
@@ -83,8 +84,8 @@ def lay_out_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> li
             label="tab:deformation",
             lead="Two decoders of the same frozen latents, at equal terms.",
             caption=(
-                f"Ours: {join_distinct(ours['n_gaussians'])} Gaussians and {join_distinct(ours['steps'])} "
-                f"steps, the same losses and step sizes, profile {join_distinct(ours['profile'])}."
+                f"Ours: {gaussians} Gaussians and {steps} steps, the same losses and step sizes, "
+                f"profile {join_distinct(ours['profile'])}."
                 + tell_of_paper(table, f" The paper's: {PAPER_PRIMITIVES} Gaussians, on its film.")
             ),
             block=lambda row: name_block(row, titles),

@@ -41,12 +41,38 @@ def test_the_worst_median_is_compared_with_its_aim(tmp_path: Path, monkeypatch, 
     (tmp_path / "quick_simulated_seven").mkdir()
     table.to_csv(tmp_path / "quick_simulated_seven/truth.csv", index=False)
     monkeypatch.setattr(published_summary, "PUBLISHED", tmp_path)
-    worst = {aim: published_aims.find_worst(aim) for aim in published_aims.list_aims()}
+    errors = published_aims.read_physics()
+    worst = {aim: published_aims.find_worst(aim, errors) for aim in published_aims.list_physics_aims()}
     free, equilibria = next(iter(worst)), list(worst)[-1]
     assert worst[free] == (0.004, "double_pendulum")
     assert worst[equilibria] == (0.006, "krauss_2seg")
-    published_aims.show_aims()
+    published_aims.show_aims("physics")
     assert "| frequency, linearised law | free systems | 0.5 % | 0.4 % (" in capsys.readouterr().out
+
+
+def test_answers_to_forces_have_aims_in_their_units(tmp_path: Path, monkeypatch, capsys) -> None:
+    shared = {
+        "recording": "simulated",
+        "direction_deg": 6.0,
+        "shape": 0.2,
+        "amplitude": 0.1,
+        "span": 3.0,
+        "error": 9.0,
+    }
+    rows = [
+        {"system": system, "what": what, **shared, "scale_low": 0.5, "scale_high": 1.2}
+        for system in (*published_aims.PUSHED, *published_aims.ARM, *published_aims.SPACE)
+        for what in ("visited", "first motion, learned mass", "span of energies, mass")
+    ]
+    (tmp_path / "quick_forces").mkdir()
+    pd.DataFrame(rows).to_csv(tmp_path / "quick_forces/force_truth.csv", index=False)
+    monkeypatch.setattr(published_summary, "PUBLISHED", tmp_path)
+    published_aims.show_aims("forces")
+    lines = capsys.readouterr().out.splitlines()[3:-1]
+    assert lines[0].startswith("| direction of the pushed point | free systems | 5° | 6° (")
+    met = ["**no**" not in line for line in lines]
+    assert met == [False, False, True, True, True, True, True, False, True, False, True, True]
+    assert "| 1.33 times | 2 times (" in lines[9]
 
 
 def test_a_plain_table_leaves_what_is_missing_empty(tmp_path: Path, monkeypatch, capsys) -> None:

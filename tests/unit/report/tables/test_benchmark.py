@@ -185,7 +185,7 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
         for part in (0, 1)
     )
     assert r"\,{\scriptsize [" in line
-    assert rest.endswith(r"& 1000 & 50 \\")
+    assert rest.endswith(r"& 32.0 & 4.2 & 50 \\")
 
 
 def test_no_gain_is_given_over_a_baseline_that_is_no_better_than_the_mean_image():
