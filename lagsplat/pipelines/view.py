@@ -21,6 +21,7 @@ from lagsplat.pipelines.apply_diagnosis import AUGMENTED_FILE
 from lagsplat.pipelines.film_runs import FILM_TITLE
 from lagsplat.processes import receive_signals
 from lagsplat.provenance import set_threads
+from lagsplat.report.common.formatting import capitalize_first
 from lagsplat.runs.run import FittedRun, open_run
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.viewer.simulation.history import read_recorded_data
@@ -116,7 +117,7 @@ def export_page(folder: PathLike, out: PathLike, *overrides: str) -> Path:
     seen = "one camera" if point.matter.space == 2 else "cameras on several sides"
     subtitle = f"Seen by {seen}, never pushed. {point.autoencoder.gaussians.n} Gaussians, {coordinates}."
     title = title_of(folder)
-    save_page(out, session, title=f"{title[:1].upper()}{title[1:]}", subtitle=subtitle)
+    save_page(out, session, title=capitalize_first(title), subtitle=subtitle)
     return out
 
 
@@ -169,7 +170,7 @@ def _name_system(system: str, origin: str) -> str:
 
 
 def _join_title(title: str, origin: str) -> str:
-    return f"{title[:1].upper()}{title[1:]} ({origin})" if title else ""
+    return f"{capitalize_first(title)} ({origin})" if title else ""
 
 
 def _residual(diagnosis: Path, session: Session, lagrangian: Lagrangian) -> Callable[[Snapshot], Vector]:

@@ -107,6 +107,11 @@ def escape_latex(text: str) -> str:
     return re.sub(f"[{RAISED}]+", lambda power: f"$^{{{power.group().translate(LOWERED)}}}$", plain)
 
 
+def capitalize_first(text: str) -> str:
+    """Make the first letter a capital and leave the others, as of names, alone."""
+    return text[:1].upper() + text[1:]
+
+
 def join_distinct(values: Iterable[Any]) -> str:
     """Join the different values in alphabetical order, such as "quick and toy"."""
     return " and ".join(sorted({str(value) for value in values}))

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import MEASURED, aggregate, paired_margin
-from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.formatting import capitalize_first, join_distinct
 from lagsplat.report.common.printed_table import Column, Row, make_text_column
 from lagsplat.report.common.published_values import RECORDING, list_paper_rows
 
@@ -162,7 +162,7 @@ def name_block(row: Row, titles: Mapping[str, str], *, key: str = "system") -> s
     """Name the system of a row and its recording, with the file that a user gave."""
     title, source = titles.get(str(row[key]), str(row[key])), row.get("source")
     file = f" {source}" if isinstance(source, str) and not str(row["recording"]).startswith("sim") else ""
-    return f"{title[:1].upper()}{title[1:]} ({row['recording']}{file})"
+    return f"{capitalize_first(title)} ({row['recording']}{file})"
 
 
 def make_diverged_column() -> Column:

@@ -14,7 +14,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lagsplat.diagnose.core.result import Candidate, Diagnosis, Interval
 from lagsplat.diagnose.effects.registry import VERDICTS, describe_effect, short_title
-from lagsplat.report.common.formatting import format_number, format_percent, format_probability
+from lagsplat.report.common.formatting import (
+    capitalize_first,
+    format_number,
+    format_percent,
+    format_probability,
+)
 from lagsplat.report.common.style import encode_svg_uri
 from lagsplat.report.diagnosis.content import (
     MAX_RECOMMENDED,
@@ -117,15 +122,10 @@ def render_report(diagnosis: Diagnosis, content: ReportContent) -> str:
     )
 
 
-def _capitalize(text: str) -> str:
-    """Make the first letter a capital and leave the others, as of names, alone."""
-    return text[:1].upper() + text[1:]
-
-
 def _end_sentence(text: str) -> str:
     """Add a full stop, and a capital unless the text begins with the name of a file or a column."""
     first = text.partition(" ")[0]
-    capital = text[:1].upper() + text[1:] if first.isalpha() else text
+    capital = capitalize_first(text) if first.isalpha() else text
     return _keep_percent_together(capital.rstrip(".") + ".") if text else ""
 
 
@@ -206,7 +206,7 @@ def _list_glosses(diagnosis: Diagnosis) -> list[str]:
         return [describe_effect(diagnosis.verdict).symptom]
     names = [effect.name for effect in select_chosen(diagnosis)]
     names = names if len(names) > 1 else list_indistinguishable(diagnosis)[:MAX_GLOSSES]
-    terms = [f"{_capitalize(short_title(name))}: " if len(names) > 1 else "" for name in names]
+    terms = [f"{capitalize_first(short_title(name))}: " if len(names) > 1 else "" for name in names]
     return [f"{term}{describe_effect(name).what}" for term, name in zip(terms, names, strict=True)]
 
 
@@ -224,7 +224,7 @@ def _list_facts(diagnosis: Diagnosis) -> list[tuple[str, list[str]]]:
     }
     if diagnosis.verdict == "none" and (hidden := list_excited(diagnosis, "no")):
         rows["Cannot be shown"] = [
-            _capitalize(join_texts([short_title(name) for name in hidden[:MAX_NAMED]], "or"))
+            capitalize_first(join_texts([short_title(name) for name in hidden[:MAX_NAMED]], "or"))
         ]
     return [(question, texts) for question, texts in rows.items() if texts]
 
@@ -236,7 +236,7 @@ def _list_sizes(diagnosis: Diagnosis) -> list[str]:
     chosen = [effect for effect in select_chosen(diagnosis) if effect.parameters]
     alone = len(chosen) == len(list_indistinguishable(diagnosis)) == 1
     sizes = ["; ".join(format_estimates(effect)) for effect in chosen]
-    names = [_capitalize(name_candidate(effect)) for effect in chosen]
+    names = [capitalize_first(name_candidate(effect)) for effect in chosen]
     return sizes if alone else [f"{name}: {size}" for name, size in zip(names, sizes, strict=True)]
 
 
@@ -261,7 +261,7 @@ def _list_recordings(diagnosis: Diagnosis) -> list[str]:
         played = f" Play {NEXT_INPUTS.format(number)}." if len(each.input) > 1 else ""
         texts.append(_end_sentence(each.text) + played)
     texts += [
-        f"{_capitalize(short_title(name))}: {_end_sentence(text)}"
+        f"{capitalize_first(short_title(name))}: {_end_sentence(text)}"
         for name, text in recommend_recordings(diagnosis)
     ]
     return texts[:MAX_RECOMMENDED]

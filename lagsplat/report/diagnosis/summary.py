@@ -15,6 +15,7 @@ from lagsplat.diagnose.effects.registry import (
 )
 from lagsplat.report.common.formatting import (
     append_unit,
+    capitalize_first,
     format_interval,
     format_number,
     format_percent,
@@ -96,8 +97,10 @@ def write_headline(diagnosis: Diagnosis) -> str:
     if not is_named(diagnosis):
         return "A gap whose cause is undecided"
     if len(equivalent) > 1 and len(diagnosis.combination) < 2:
-        return _capitalize(join_texts([short_title(name) for name in equivalent], "or"))
-    return _capitalize(join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and"))
+        return capitalize_first(join_texts([short_title(name) for name in equivalent], "or"))
+    return capitalize_first(
+        join_texts([name_candidate(effect) for effect in select_chosen(diagnosis)], "and")
+    )
 
 
 def is_named(diagnosis: Diagnosis) -> bool:
@@ -190,7 +193,7 @@ def _mention_immaterial(diagnosis: Diagnosis) -> str:
         return ""
     names = join_texts([short_title(name) for name in found["effects"]], "and")
     share = format_percent(max(found["share"]["value"], 0.0))
-    return f"{_capitalize(names)} can be seen but hardly matters: {share} of the gap beyond a refit."
+    return f"{capitalize_first(names)} can be seen but hardly matters: {share} of the gap beyond a refit."
 
 
 def _mention_combination(diagnosis: Diagnosis) -> str:
@@ -363,10 +366,6 @@ def _recommend_next(diagnosis: Diagnosis) -> str:
     for effect, record in recommend_recordings(diagnosis)[:1]:
         return f"To know more of {short_title(effect)}, record this next: {record.rstrip('.')}."
     return ""
-
-
-def _capitalize(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def select_chosen(diagnosis: Diagnosis) -> list[Candidate]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from lagsplat.report.common.formatting import format_interval, join_distinct
+from lagsplat.report.common.formatting import capitalize_first, format_interval, join_distinct
 from lagsplat.report.common.printed_table import (
     DASH,
     Cell,
@@ -256,7 +256,7 @@ def lay_out_invariants(table: pd.DataFrame, *, titles: Mapping[str, str]) -> lis
             label="tab:force-invariants",
             lead="What must hold of forces in the picture, whatever the energy scale is.",
             caption=f"One force a system; profile {join_distinct(ours['profile'])}; medians over seeds.",
-            block=lambda row: f"{row['recording'][:1].upper()}{row['recording'][1:]}",
+            block=lambda row: capitalize_first(row["recording"]),
         )
     ]
 

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from lagsplat.diagnose.effects.registry import short_title
-from lagsplat.report.common.formatting import join_distinct
+from lagsplat.report.common.formatting import capitalize_first, join_distinct
 from lagsplat.report.common.printed_table import (
     DASH,
     Cell,
@@ -187,5 +187,5 @@ def _make_metric_column(metric: str) -> Column:
         return sign * float(numbers[0]) if numbers else None
 
     is_ranked = metric.startswith((*LOW_IS_BETTER, *HIGH_IS_BETTER))
-    title, below = metric[:1].upper() + metric[1:middle], metric[middle:].strip()
+    title, below = capitalize_first(metric[:middle]), metric[middle:].strip()
     return Column(title, write, below, rank=rank if is_ranked else None)
