@@ -251,8 +251,8 @@ def _measure_fits(sim: EstimatedSimulator, search: EffectSearch, judgement: Judg
         "misfit_best": measure(judgement.best or ranking.none),
         "chain": chain,
         "windows": len(problem.windows.first),
-        "temper": ranking.noise_inflation,
-        "price": problem.noise_inflation,
+        "noise_inflation_of_ranking": ranking.noise_inflation,
+        "noise_inflation": problem.noise_inflation,
     }
 
 

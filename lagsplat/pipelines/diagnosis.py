@@ -108,7 +108,7 @@ def run_diagnosis(
         absorbed=inputs.absorbed,
         checks={
             **run.diagnosis.checks,
-            "samples_as_one": config.effective_sample_ratio,
+            "effective_sample_ratio": config.effective_sample_ratio,
             "sim_misfit": inputs.sim.misfit,
             **({"own_error": np.sqrt(sim.own_error).tolist()} if np.any(sim.own_error) else {}),
             "null_evidence": log_evidence_offset,

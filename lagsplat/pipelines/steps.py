@@ -255,10 +255,10 @@ def push(
     at: tuple[float, float],
     direction: tuple[float, float],
     *,
-    share: float = 0.5,
+    share: float | None = None,
     hold_s: float = 1.0,
     duration_s: float = 3.0,
-    brush: float = 0.05,
+    brush: float | None = None,
 ) -> tuple[Float64[np.ndarray, "N d"], Float64[np.ndarray, "N d"]]:
     """Push a run at a point of its image, let go, and follow the motion.
 
@@ -269,10 +269,11 @@ def push(
         run: A fitted run or its folder.
         at: Where to push, x to the right and y down [px of the training image].
         direction: Along which to push (right, down); only its direction counts.
-        share: Of the recorded range [1].
+        share: Of the recorded range [1]; by default ``forces.response``.
         hold_s: How long the force is held [s].
         duration_s: How long the motion is followed [s].
-        brush: Radius within which matter is grasped, as a share of the image's width [1].
+        brush: Radius within which matter is grasped, as a share of the image's width [1]; by
+            default ``forces.brush``.
 
     Returns:
         States (N, d), whitened, and velocities (N, d) [1/s], one frame of the recording apart.
@@ -288,10 +289,14 @@ def push(
         >>> states.shape == velocities.shape
         True
     """
-    point = hold(run)
-    grasp = point.grasp(at, radius=brush * point.width)
+    point, defaults = hold(run), compose().forces
+    grasp = point.grasp(at, radius=(defaults.brush if brush is None else brush) * point.width)
     q, v = point.push(
-        grasp, np.asarray(direction, dtype=np.float64), share=share, hold_s=hold_s, duration_s=duration_s
+        grasp,
+        np.asarray(direction, dtype=np.float64),
+        share=defaults.response if share is None else share,
+        hold_s=hold_s,
+        duration_s=duration_s,
     )
     return q.numpy(), v.numpy()
 

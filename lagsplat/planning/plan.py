@@ -225,7 +225,7 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
 
 TRIVIAL = ("mean", "hold", "linear")  # laws beside every run that is extrapolated
 SUFFIX = "_3d"
-SHORT = {"rainbow_rocker": "rocker"}  # how figures call a system whose name is long
+FIGURE_NAMES = {"rainbow_rocker": "rocker", "krauss_2seg": "krauss"}  # of systems whose name is long
 
 
 def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
@@ -248,7 +248,7 @@ def planned_spatial(overrides: Overrides) -> dict[str, PlannedRun]:
             )
         if own.views.kind != "simulated" or own.recording.kind == "simulated":
             name = system.removesuffix(SUFFIX)
-            runs[SHORT.get(name, name)] = _runs_of(own, own.choices["stage2"])[0]
+            runs[FIGURE_NAMES.get(name, name)] = _runs_of(own, own.choices["stage2"])[0]
     return runs
 
 

@@ -11,6 +11,7 @@ from lagsplat.config.compose import ConfigError
 from lagsplat.config.schema import options
 from lagsplat.planning.plan import lineage
 from lagsplat.planning.plan import (
+    FIGURE_NAMES,
     SUFFIX,
     TRIVIAL,
     compose_for,
@@ -58,8 +59,7 @@ onstart:
         )
 
 
-SHORT = {"rocker": "rainbow_rocker", "krauss": "krauss_2seg"}
-"""Systems whose figures of forces have a name of their own."""
+SYSTEMS_OF_FIGURES = {name: system for system, name in FIGURE_NAMES.items()}
 
 
 wildcard_constraints:
@@ -75,7 +75,7 @@ wildcard_constraints:
     field="conditioned|deformed",
     # Figures in space end in the same way as the names of systems in space.
     mechanism="|".join(
-        [*SHORT, *(name for name in options("system") if not name.endswith(SUFFIX))]
+        [*SYSTEMS_OF_FIGURES, *(name for name in options("system") if not name.endswith(SUFFIX))]
     ),
     solid="|".join(planned_spatial(overrides)),
     ae="[0-9]+",
@@ -257,14 +257,13 @@ def pushable(runs):
 
 def pushed(mechanism):
     """The planned run behind a figure of forces."""
-    return planned(system=SHORT.get(mechanism, mechanism))[0]
+    return planned(system=SYSTEMS_OF_FIGURES.get(mechanism, mechanism))[0]
 
 
 def pushed_mechanisms():
     """Names of the figures of forces: of the systems that the paper pushes, or of all where there are few."""
-    names = {system: name for name, system in SHORT.items()}
     flat = list(dict.fromkeys(run["system"] for run in pushable(main_runs())))
-    return [names[system] for system in flat if system in names] or flat
+    return [FIGURE_NAMES[system] for system in flat if system in FIGURE_NAMES] or flat
 
 
 def pushed_runs():

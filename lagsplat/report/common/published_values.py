@@ -7,7 +7,8 @@ from typing import Any
 
 METHOD = "LaGSplat (paper)"
 RECORDING = "filmed, the paper's"
-PROFILE = "the paper's, median of five seeds"
+PAPER = {"recording": RECORDING, "profile": "the paper's"}
+"""What every row of the paper's own numbers says of where they are from."""
 SYSTEM_SCORES = ("d", "frequency_error", "latent_nrmse", "image_ratio", "ae_floor", "mse_half_second")
 # Table "Free rollouts"; of the arms the floor to three digits and the half-second error, Table "Krauss".
 SYSTEMS: dict[str, tuple[float | None, ...]] = {
@@ -46,7 +47,7 @@ def list_paper_baselines(robots: set[str]) -> list[dict[str, Any]]:
 
     Source: paper, Table "Krauss".
     """
-    shared = {"dynamics": "linear", "recording": RECORDING, "profile": "the paper's", "n_seeds": 1}
+    shared = {"dynamics": "linear", **PAPER, "n_seeds": 1}
     rows = []
     for robot in [robot for robot in BASELINES if robot in robots]:
         for name, values in BASELINES[robot].items():
@@ -64,7 +65,7 @@ def list_paper_rows(robots: set[str]) -> list[dict[str, Any]]:
     Source: paper, Tables "Free rollouts" and "Krauss".
     """
     shared: dict[str, Any] = {"method": METHOD, "dynamics": "nonlinear", "external_force": "anywhere"}
-    shared |= {"recording": RECORDING, "profile": PROFILE, "n_seeds": 5}
+    shared |= {**PAPER, "n_seeds": 5}
     return [
         {"robot": robot, **dict(zip(SYSTEM_SCORES, values, strict=True)), **shared}
         for robot, values in SYSTEMS.items()

@@ -15,7 +15,7 @@ from lagsplat.report.common.printed_table import (
     make_number_column,
     make_text_column,
 )
-from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.published_values import PAPER, RECORDING
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.report.common.table_rows import build_table, name_block, tell_of_paper
 
@@ -54,7 +54,7 @@ def build_deformation_table(
     for run, decoders in zip(runs, results, strict=True):
         shared = {key: run[key] for key in ("system", "recording", "profile")}
         rows += [{**shared, "decoder": name, **measures} for name, measures in decoders.items()]
-    paper = {"n_gaussians": PAPER_PRIMITIVES, "profile": "the paper's", "recording": RECORDING}
+    paper = {"n_gaussians": PAPER_PRIMITIVES, **PAPER}
     for system in dict.fromkeys(str(run["system"]) for run in runs):
         decoders = PAPER_DECODERS.get(system, {})
         rows += [{"system": system, "decoder": name, **own, **paper} for name, own in decoders.items()]
@@ -64,7 +64,7 @@ def build_deformation_table(
 
 def lay_out_deformation(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[PrintedTable]:
     """Lay out the table of `build_deformation_table`; ``titles`` gives the name of each system."""
-    ours = table[table["profile"] != "the paper's"]
+    ours = table[table["recording"] != RECORDING]
     gaussians, steps = (join_distinct(ours[key].astype(int)) for key in ("n_gaussians", "steps"))
     columns = [
         make_text_column("Decoder", lambda row: DECODER_TITLES.get(row["decoder"], row["decoder"])),

@@ -16,7 +16,7 @@ from lagsplat.report.common.printed_table import (
     make_number_column,
     make_text_column,
 )
-from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.published_values import PAPER, RECORDING
 from lagsplat.report.common.table_rows import name_block, take_median, tell_of_paper
 
 OURS, FORECASTER, FREE = "LaGSplat", "key-point forecaster (re-implementation)", "neural ODE"
@@ -76,8 +76,7 @@ class ExtrapolationMeasure(NamedTuple):
         )
 
     def read(self, result: Mapping[str, Any]) -> float | None:
-        """The value in a result of the extrapolation, errors without their sign; None where there is "
-        "none."""
+        """The value in a result of the extrapolation, errors without sign; None where there is none."""
         if self.name == "energy_left":
             return _read_energy_left(result)
         value: Any = result
@@ -217,7 +216,7 @@ def _build_row(model: ModelResults, measure: ExtrapolationMeasure) -> dict[str, 
 
 
 def _list_paper_rows(system: str) -> list[dict[str, Any]]:
-    paper = {"n_seeds": 1, "n_measured": 1, "note": "", "recording": RECORDING, "profile": "the paper's"}
+    paper = {"n_seeds": 1, "n_measured": 1, "note": "", **PAPER}
     return [
         {"system": system, "model": PAPER_TITLES[name], "measure": measure, "value": value} | paper
         for name, values in PAPER_EXTRAPOLATION.get(system, {}).items()
@@ -272,8 +271,7 @@ def _shorten_model(row: Row) -> str:
 
 
 def _spread_measures(table: pd.DataFrame, reasons: list[str]) -> pd.DataFrame:
-    """A row for each model of each recording; why seeds are missing is added to ``reasons`` once, and "
-    "marked."""
+    """A row for each model of each recording; why a seed is missing is marked and added to ``reasons``."""
     rows: dict[tuple[str, ...], dict[str, Any]] = {}
     for found in table.to_dict("records"):
         key = tuple(str(found[name]) for name in ("system", "recording", "model"))

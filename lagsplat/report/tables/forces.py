@@ -18,7 +18,7 @@ from lagsplat.report.common.printed_table import (
     make_text_column,
     write_number,
 )
-from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.published_values import PAPER
 from lagsplat.report.common.table_rows import group_runs, name_block, take_median
 
 ACCURACY_ERRORS = (
@@ -224,8 +224,8 @@ def build_invariant_rows(
                 row[name] = take_median((seed[block] or {}).get(key) for seed in seeds)
             rows.append(row | {"across": take_median(seed["across"] for seed in seeds), **group.place})
         if group.system == PAPER_SYSTEM:
-            paper = {"system": group.system, "method": "paper", "recording": RECORDING}
-            rows.append(paper | {"profile": "the paper's"} | PAPER_INVARIANTS)
+            paper = {"system": group.system, "method": "paper", **PAPER}
+            rows.append(paper | PAPER_INVARIANTS)
     for run, numbers in solid:
         row = {"system": run["system"], "method": "ours, in space", "across": numbers["felt_across"]}
         rows.append(row | {"n_seeds": 1} | {key: run[key] for key in ("recording", "profile")})

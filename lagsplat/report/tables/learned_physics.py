@@ -19,7 +19,7 @@ from lagsplat.report.common.printed_table import (
     make_number_column,
     make_text_column,
 )
-from lagsplat.report.common.published_values import RECORDING
+from lagsplat.report.common.published_values import PAPER, RECORDING
 
 TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
 LINEARISED, AT_REST = ", linearised law", ", law at rest"
@@ -187,7 +187,7 @@ def build_mass_rows(
                 row |= table_rows.measure_margin(members, constant, "mse_half_second")
             rows.append(row)
         if group.system == PAPER_ROBOT:
-            paper = {"robot": group.system, "d": 4, "recording": RECORDING, "profile": "the paper's"}
+            paper = {"robot": group.system, "d": 4, **PAPER}
             rows += [{**paper, "mass": f"{name} (paper)", **scores} for name, scores in PAPER_MASSES.items()]
     return rows
 
