@@ -116,7 +116,7 @@ def describe_dynamics(lagrangian: Lagrangian) -> str:
 def describe_external_force(autoencoder: Autoencoder) -> str:
     """Where a force given in the image can act: ``anywhere``, or ``none`` if no primitive moves.
 
-    A force on a rendered primitive reaches the dynamics through the primitive's Jacobian.
+    A force on matter in the picture reaches the dynamics only where the state moves what is drawn.
     """
     return "anywhere" if bool(autoencoder.gaussians.jacobian().abs().amax() > 0) else "none"
 

@@ -62,20 +62,23 @@ def build_simple_rows(
     ``runs`` are the wildcards of the autoencoders, ``simple`` for each of them what
     `lagsplat.evaluate.simple_predictors.evaluate_simple_predictors` gave.
     """
+    return [
+        build_row(aggregate(members), robot=group.system, method=method, **group.place)
+        for (group, method), members in group_simple(runs, simple).items()
+    ]
+
+
+def group_simple(
+    runs: Sequence[Mapping[str, Any]], simple: Sequence[dict[str, Any]]
+) -> dict[tuple[RunGroup, str], list[dict[str, Any]]]:
+    """Group the scores of simple predictors by recording and method; arguments as of `build_simple_rows`."""
     groups: dict[tuple[RunGroup, str], list[dict[str, Any]]] = {}
     for run, predictors in zip(runs, simple, strict=True):
         group = RunGroup(*(str(run[name]) for name in RunGroup._fields))
         for name, scores in predictors.items():
-            groups.setdefault((group, name), []).append(scores)
-    return [
-        build_row(
-            aggregate(members),
-            robot=group.system,
-            method=name + name_changes(group.stage1, "default"),
-            **group.place,
-        )
-        for (group, name), members in groups.items()
-    ]
+            method = name + name_changes(group.stage1, "default")
+            groups.setdefault((group, method), []).append(scores)
+    return groups
 
 
 def name_changes(stage1: str, stage2: str) -> str:

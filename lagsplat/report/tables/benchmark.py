@@ -20,13 +20,18 @@ from lagsplat.report.common.printed_table import (
 from lagsplat.report.common.published_values import list_paper_baselines, list_paper_rows
 
 MARGIN_SCORE = "mse_half_second"
-BELOW_MEAN = "†"
+BELOW_MEAN, NEAR_MEAN = "†", "‡"
+MARKS = {
+    BELOW_MEAN: f"{BELOW_MEAN}: not better than the mean image, by the 95 % interval; no gain is given.",
+    NEAR_MEAN: f"{NEAR_MEAN}: less than twice as good as the mean image.",
+}
+LEAST_GAIN = 0.5  # over the mean image, as a share of its error, of a baseline that has learned to forecast
 DEFAULT_DYNAMICS = "default"  # conf/stage2/default.yaml: the dynamics that baselines are compared with
 CONSTANT_DYNAMICS = "constant"  # conf/stage2/constant.yaml
 BENCHMARK_COLUMNS = (
     *("robot", "method", "dynamics", "d", *MEASURED, "margin", "margin_low", "margin_high", "external_force"),
-    *("converged", "diverged", "recording", "profile", "n_seeds", "steps", "frames_seen", "wall_s"),
-    *("rollouts", "windows", "source"),
+    *("converged", "over_mean", "diverged", "recording", "profile", "n_seeds", "steps", "frames_seen"),
+    *("wall_s", "rollouts", "windows", "source"),
 )
 MARGIN_COLUMNS = (
     *("robot", "dynamics", "baseline", "score", "value", "low", "high", "relative", "decided", "windows"),
@@ -37,44 +42,61 @@ MARGIN_COLUMNS = (
 def build_benchmark_rows(
     runs: Sequence[Mapping[str, Any]],
     metrics: Sequence[dict[str, Any]],
+    image_models: Sequence[Mapping[str, Any]],
+    simple: Sequence[dict[str, Any]],
     baseline_runs: Sequence[Mapping[str, Any]],
     baseline_metrics: Sequence[dict[str, Any]],
-    simple_rows: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Build the rows of `build_rows`, then ``simple_rows``, and one for each baseline on each recording.
+    """Build the rows of `build_rows`, of `build_simple_rows`, and one for each baseline on each recording.
 
-    A baseline's row has ``margin``: how much lower our half-second image error is on the same starts, with
+    Every row but ours has ``margin``: how much lower our half-second image error is on the same starts, with
     its 95 % interval over starts (``margin_low``, ``margin_high``) and seeds averaged on both sides. It is
-    empty where there is no run of ours on that recording, and where the baseline has not ``converged``: its
-    error is not below that of the mean training image, so beating it tells nothing.
+    empty where there is no run of ours on that recording, and where a baseline has not ``converged``, so that
+    beating it tells nothing: the 95 % interval of its gain over the mean training image includes zero.
+    ``over_mean`` is that gain as a share of the mean image's error.
 
     Raises:
-        ValueError: a baseline and a run of ours were scored on different starts of one recording.
+        ValueError: two models were scored on different starts of one recording.
     """
     ours = {
         (group.system, group.recording, group.profile): variants.get(DEFAULT_DYNAMICS, [])
         for group, variants in table_rows.group_runs(runs, metrics).items()
     }
+    rows = table_rows.build_rows(runs, metrics)
+    mean_images: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for (group, method), members in table_rows.group_simple(image_models, simple).items():
+        key = (group.system, group.recording, group.profile)
+        if method == MEAN_IMAGE:
+            mean_images[key] = members
+        row = table_rows.build_row(aggregate(members), robot=group.system, method=method, **group.place)
+        rows.append(row | table_rows.measure_margin(ours.get(key, []), members, MARGIN_SCORE))
     baselines: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for run, scores in zip(baseline_runs, baseline_metrics, strict=True):
-        key = tuple(str(run[name]) for name in ("system", "recording", "profile", "baseline"))
-        baselines.setdefault(key, []).append(scores)
-    rows = [*table_rows.build_rows(runs, metrics), *simple_rows]
-    of_mean = {
-        (row["robot"], row["recording"], row["profile"]): row["mse_half_second"]
-        for row in simple_rows
-        if row["method"] == MEAN_IMAGE
-    }
+        names = tuple(str(run[name]) for name in ("system", "recording", "profile", "baseline"))
+        baselines.setdefault(names, []).append(scores)
     for (robot, recording, profile, name), members in baselines.items():
-        names = {"robot": robot, "recording": recording, "profile": profile}
-        row = table_rows.build_row(aggregate(members), method=BASELINE_TITLES.get(name, name), **names)
-        beside, mean = (found.get((robot, recording, profile)) for found in (ours, of_mean))
-        converged = None if mean is None else row["mse_half_second"] < mean
-        margin = table_rows.measure_margin(
-            (beside or []) if converged is not False else [], members, MARGIN_SCORE
+        key, method = (robot, recording, profile), BASELINE_TITLES.get(name, name)
+        row = table_rows.build_row(
+            aggregate(members), robot=robot, method=method, recording=recording, profile=profile
         )
-        rows.append(row | margin | {"converged": converged})
+        beside = compare_with_mean_image(members, mean_images.get(key, []))
+        runs_beside = [] if beside["converged"] is False else ours.get(key, [])
+        rows.append(row | beside | table_rows.measure_margin(runs_beside, members, MARGIN_SCORE))
     return rows
+
+
+def compare_with_mean_image(
+    members: Sequence[dict[str, Any]], mean_image: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """Tell if a baseline has ``converged``, and its gain ``over_mean``; see `build_benchmark_rows`.
+
+    Both are None without scores of the mean image. With too few windows for an interval, any gain counts.
+    """
+    if not mean_image:
+        return {"converged": None, "over_mean": None}
+    gain = paired_margin(members, mean_image, score=MARGIN_SCORE)
+    bound = gain["value"] if gain["low"] is None else gain["low"]
+    return {"converged": bound > 0.0, "over_mean": gain["relative"]}
 
 
 def build_benchmark_table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
@@ -148,9 +170,9 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
         "compared": ("robot", "recording"),
         "caption": f"Held-out part of each recording. {table_rows.describe_runs(table)}",
     }
-    below = any(row.get("converged") is False for row in table.to_dict("records"))
-    note = f"{BELOW_MEAN}: no better than the mean image; no gain over it is given."
-    method = make_text_column("Method", _name_method, note=note if below else "")
+    marks = {_mark_baseline(row) for row in table.to_dict("records")}
+    note = " ".join(text for mark, text in MARKS.items() if mark in marks)
+    method = make_text_column("Method", _name_method, note=note)
     scores, rest = [method, *_list_score_columns()], [method, *_list_other_columns()]
     lead = "Forecasts of the pneumatic arms"
     paper = [table_rows.tell_of_paper(table, "The paper's numbers are of its own films.")]
@@ -161,6 +183,11 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
 
 
 def _list_score_columns() -> list[Column]:
+    latent = make_number_column(
+        *("latent_nrmse", "Latent", "NRMSE (%)"),
+        scale=1e2,
+        note="Latent: over two natural periods; a baseline's is of its own latents, so not compared.",
+    )
     return [
         make_count_column("d", "Dim."),
         make_number_column(
@@ -172,12 +199,23 @@ def _list_score_columns() -> list[Column]:
         make_number_column(
             *("margin", "Our gain", "(10⁻³)"),
             scale=1e3,
-            note="Our gain: how much lower LaGSplat's is on the same starts, with its 95 % interval.",
+            note="Our gain: how much lower LaGSplat's is on the same starts, means over seeds, with the 95 % "
+            "interval over windows.",
         ),
-        make_number_column("frequency_error", "Frequency", "error (%)", scale=1e2, best="lowest"),
-        make_number_column("latent_nrmse", "Latent", "NRMSE (%)", scale=1e2, best="lowest"),
+        make_number_column(
+            *("frequency_error", "Frequency", "error (%)"),
+            scale=1e2,
+            best="lowest",
+            note="Frequency: 100 stands for no oscillation.",
+        ),
+        latent._replace(rank=_rank_latent_error),
         table_rows.make_diverged_column(),
     ]
+
+
+def _rank_latent_error(row: Row) -> float | None:
+    is_ours = row["method"] not in BASELINE_TITLES.values()
+    return row["latent_nrmse"] if is_ours else None
 
 
 def _list_other_columns() -> list[Column]:
@@ -205,12 +243,21 @@ def _list_other_columns() -> list[Column]:
             note="Frames: seen while the image model, or a baseline, was trained.",
         ),
         make_number_column(
-            "wall_s", "Time", "(min)", scale=1 / 60, digits=2, note="Time: of all training, on the clock."
+            *("wall_s", "Time", "(min)"),
+            scale=1 / 60,
+            digits=2,
+            note="Time: of all training, on the clock; our image model takes all cores, a baseline one.",
         ),
         make_count_column("windows", "Windows", note="Windows: of half a second that do not overlap."),
     ]
 
 
 def _name_method(row: Row) -> str:
-    name = str(row["method"]).removesuffix(" (paper)")
-    return f"{name} {BELOW_MEAN}" if row.get("converged") is False else name
+    return f"{str(row['method']).removesuffix(' (paper)')} {_mark_baseline(row)}".rstrip()
+
+
+def _mark_baseline(row: Row) -> str:
+    if row.get("converged") is False:
+        return BELOW_MEAN
+    gain = row.get("over_mean")
+    return NEAR_MEAN if gain is not None and gain < LEAST_GAIN else ""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lagsplat.report.common.printed_table import format_latex
-from lagsplat.report.common.table_rows import build_rows, build_simple_rows
+from lagsplat.report.common.table_rows import build_rows
 from lagsplat.report.tables.benchmark import (
     BENCHMARK_COLUMNS,
     MARGIN_COLUMNS,
@@ -162,7 +162,7 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
     runs = [place("osc_abcd"), place("osc_abcd", seed=1), place("koopman_deconv")]
     theirs = [scored(3e-3, seed=1), scored(5e-3, seed=2), scored(2e-4, seed=3)]
     ours = [scored(1e-3), scored(4e-3, seed=5)]
-    rows = build_benchmark_rows([names(0), names(0, stage2="constant")], ours, runs, theirs, [])
+    rows = build_benchmark_rows([names(0), names(0, stage2="constant")], ours, [], [], runs, theirs)
     assert [row["method"] for row in rows] == [
         "LaGSplat",
         "LaGSplat (constant)",
@@ -189,36 +189,47 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
 
 
 def test_no_gain_is_given_over_a_baseline_that_is_no_better_than_the_mean_image():
-    simple = build_simple_rows(
-        [names(0), {**names(0), "ae": 1}],
-        [{"Mean image": scored(mse), "Linear least squares": scored(0.1 * mse)} for mse in (2e-3, 4e-3)],
-    )
-    assert [(row["method"], row["n_seeds"]) for row in simple] == [
+    image_models = [names(0), {**names(0), "ae": 1}]
+    simple = [
+        {"Mean image": scored(mse), "Linear least squares": scored(0.1 * mse, seed=4)} for mse in (2e-3, 4e-3)
+    ]
+    runs = [place(name) for name in ("osc_abcd", "osc_deconv", "koopman_abcd", "koopman_deconv")]
+    theirs = [scored(3.1e-3, seed=1), scored(3e-3, seed=2), scored(2e-3, seed=3), scored(2e-4, seed=5)]
+    rows = build_benchmark_rows([names(0)], [scored(1e-4, seed=6)], image_models, simple, runs, theirs)
+    assert [(row["method"], row["n_seeds"]) for row in rows] == [
+        ("LaGSplat", 1),
         ("Mean image", 2),
         ("Linear least squares", 2),
+        *((f"{law} + {decoder}", 1) for law in ("Osc.", "Koopman") for decoder in ("ABCD", "deconv")),
     ]
-    runs, theirs = [place("osc_abcd"), place("koopman_deconv")], [scored(3.1e-3), scored(2e-4)]
-    rows = build_benchmark_rows([names(0)], [scored(1e-4)], runs, theirs, simple)
-    assert [row["method"] for row in rows[1:]] == [
-        *("Mean image", "Linear least squares", "Osc. + ABCD", "Koopman + deconv"),
+    assert rows[2]["margin"] == pytest.approx(2e-4, rel=0.1)
+    assert rows[2]["margin_low"] < rows[2]["margin"] < rows[2]["margin_high"]
+    assert [(row["converged"], row["margin"] is None) for row in rows[3:]] == [
+        (False, True),
+        (False, True),
+        (True, False),
+        (True, False),
     ]
-    assert [(row["converged"], row["margin"] is None) for row in rows[3:]] == [(False, True), (True, False)]
+    assert [row["over_mean"] > 0.5 for row in rows[3:]] == [False, False, False, True]
     text = printed(rows)
-    assert "Osc. + ABCD †" in text
-    assert "†: no better than the mean image" in text
-    assert "Koopman + deconv †" not in text
+    for name in ("Osc. + ABCD †", "Osc. + deconv †", "Koopman + ABCD ‡", "Koopman + deconv &"):
+        assert name in text
+    assert "†: not better than the mean image" in text
+    assert "‡: less than twice as good" in text
 
 
 def test_without_ours_there_is_no_gain():
     rows = build_benchmark_rows(
-        [names(0, stage2="constant")], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3)], []
+        [names(0, stage2="constant")], [scored(1e-3)], [], [], [place("osc_abcd")], [scored(2e-3)]
     )
     assert rows[1]["margin"] is None
 
 
 def test_other_starts_cannot_be_paired():
     with pytest.raises(ValueError, match="windows differ"):
-        build_benchmark_rows([names(0)], [scored(1e-3)], [place("osc_abcd")], [scored(2e-3, starts=49)], [])
+        build_benchmark_rows(
+            [names(0)], [scored(1e-3)], [], [], [place("osc_abcd")], [scored(2e-3, starts=49)]
+        )
 
 
 def scores(level: float, *, period: bool = True) -> dict:
