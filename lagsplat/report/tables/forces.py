@@ -25,9 +25,11 @@ ACCURACY_ERRORS = (
     *("direction_deg", "shape", "amplitude"),
     *("pictured_direction_deg", "pictured_shape", "pictured_amplitude"),
 )
+OVER_SEEDS = (*ACCURACY_ERRORS, "error", "span")  # numbers with their range over seeds
 ACCURACY_COLUMNS = (
     *("system", "what", "n", *(f"{name}{end}" for name in ACCURACY_ERRORS for end in ("", "_p90"))),
     *("error", "span", "scale_low", "scale_high", "refused", "recording", "profile", "n_seeds"),
+    *(f"{name}_{end}" for name in OVER_SEEDS for end in ("low", "high")),
 )
 INVARIANTS = {
     "lever_rank": ("lever", "rank"),
@@ -86,14 +88,14 @@ OF_MASS = (
 )
 OF_SPAN = (
     "Span: largest over smallest eigenvalue relative to the true matrix; one factor makes all energies true "
-    "where it is 1."
+    "where it is 1. Brackets: range over seeds."
 )
 
 
 def build_force_rows(
     runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Build the rows of each simulated system, medians over seeds.
+    """Build the rows of each simulated system, medians over seeds and, of several, their range.
 
     They are: inside the visited range, each level of force, the answer in time, and the first motion with
     three masses.
@@ -108,6 +110,8 @@ def build_force_rows(
                 for name in dict.fromkeys(key for values in same for key in values):
                     measured = [values[name] for values in same if values.get(name) is not None]
                     row[name] = measured[0] if name == "refused" else take_median(measured)
+                    if name in OVER_SEEDS and len(set(measured)) > 1:
+                        row[f"{name}_low"], row[f"{name}_high"] = min(measured), max(measured)
                 rows.append(row | group.place)
     return rows
 
@@ -138,7 +142,8 @@ def lay_out_forces(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pr
     refused = table[table["refused"].notna()].to_dict("records")
     reasons = [f"{name_block(row, titles)}: {row['refused'].rstrip('.')}." for row in refused]
     profiles = join_distinct(table["profile"].dropna())
-    caption = f"Profile {profiles}; medians over forces, brackets: 90th percentile."
+    seeds = join_distinct(int(number) for number in table["n_seeds"].dropna())
+    caption = f"Profile {profiles}; medians over forces and {seeds} seeds, (brackets): 90th percentile."
     shared: dict[str, Any] = {"block": lambda row: name_block(row, titles)}
     lead = "Answers to known forces"
     return [

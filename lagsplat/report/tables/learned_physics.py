@@ -29,7 +29,10 @@ OF_INTERVALS = (
     "Interval: over blocks of the training part, for laws fitted by likelihood; in italics where its ends "
     "differ by a factor of two; e: extrapolated to a rest state that the recording hardly visits."
 )
-OF_REST = "Error: relative; of an equilibrium a share of the motion's rms."
+OF_REST = (
+    "Error: relative, median of the seeds' own, so it may exceed that of the median; of an equilibrium a "
+    "share of the motion's rms."
+)
 OF_MAP = "Map: residual of the map by which a latent is read in true coordinates, as such a share."
 
 MASS_TITLES = {"constant_mass": "constant", "induced_mass": "induced by the decoder"}
@@ -72,8 +75,9 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
     """Build a row for each quantity of each simulated system; ``runs`` and ``metrics`` as in `group_runs`.
 
     Over several seeds every number is the median, and ``learned_low`` and ``learned_high`` are the smallest
-    and the largest value; ``error`` is the median of the seeds' own errors. Dynamics other than the default
-    are named with the quantity. A recording without truth gives no row.
+    and the largest value, as ``error_low`` and ``error_high``; ``error`` is the median of the seeds' own
+    errors. ``n_seeds`` counts the seeds in which the quantity was found. Dynamics other than the default are
+    named with the quantity. A recording without truth gives no row.
 
     Raises:
         ValueError: no recording has a truth.
@@ -90,14 +94,16 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
                     row[name] = table_rows.take_median(measured.get(name) for measured in same)
                 told = {measured.get("extrapolated") for measured in same} - {None}
                 row["extrapolated"] = any(told) if told else None
-                learned = {measured["learned"] for measured in same} - {None}
-                if len(learned) > 1:
-                    row |= {"learned_low": min(learned), "learned_high": max(learned)}
-                rows.append(row | {"n_seeds": len(seeds)})
+                for name in ("learned", "error"):
+                    values = [measured[name] for measured in same if measured.get(name) is not None]
+                    if len(set(values)) > 1:
+                        row |= {f"{name}_low": min(values), f"{name}_high": max(values)}
+                found = sum(measured["learned"] is not None for measured in same)
+                rows.append(row | {"n_seeds": found})
     if not rows:
         raise ValueError("no run has a truth to compare with: evaluate one of a simulated recording")
     frame = pd.DataFrame(rows, dtype=object)
-    spread = table_rows.list_spread_columns(frame, ["learned"])
+    spread = table_rows.list_spread_columns(frame, ["learned", "error"])
     return frame.reindex(columns=[*TRUTH_COLUMNS, *TRUTH_CONTEXT, *spread])
 
 

@@ -24,7 +24,7 @@ def test_counts_of_sealed_splits_are_added() -> None:
 
 def test_the_worst_median_is_compared_with_its_aim(tmp_path: Path, monkeypatch, capsys) -> None:
     rows = [
-        {"system": system, "quantity": quantity, "error": error, "recording": "simulated"}
+        {"system": system, "quantity": quantity, "error": float(error), "recording": "simulated"}
         for error, system in enumerate(published_aims.ONE + published_aims.TWO + published_aims.DRIVEN)
         for quantity in (
             "frequency of mode 1, linearised law [Hz]",
@@ -38,11 +38,14 @@ def test_the_worst_median_is_compared_with_its_aim(tmp_path: Path, monkeypatch, 
     table = pd.DataFrame(rows)
     table.loc[table["quantity"].str.contains("mode 2"), "error"] = 99.0
     table["error"] /= 1000.0
+    table["error_high"] = 2.0 * table["error"]
     (tmp_path / "quick_simulated_seven").mkdir()
     table.to_csv(tmp_path / "quick_simulated_seven/truth.csv", index=False)
     monkeypatch.setattr(published_summary, "PUBLISHED", tmp_path)
     errors = published_aims.read_physics()
     worst = {aim: published_aims.find_worst(aim, errors) for aim in published_aims.list_physics_aims()}
+    seeds = published_aims.find_worst(next(iter(worst)), errors, "worst_seed")
+    assert seeds == (0.008, "double_pendulum")
     free, equilibria = next(iter(worst)), list(worst)[-1]
     assert worst[free] == (0.004, "double_pendulum")
     assert worst[equilibria] == (0.006, "krauss_2seg")

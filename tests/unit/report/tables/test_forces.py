@@ -113,6 +113,15 @@ def test_every_kind_of_answer_has_a_row() -> None:
     assert "span of energies, mass & -- & 30.0" in masses
 
 
+def test_several_seeds_have_their_range() -> None:
+    other = {**TRUTH, "energy_spans": {"mass": 50.0}}
+    rows = build_force_rows([RUN, {**RUN, "seed": 1}], [{"truth": TRUTH}, {"truth": other}])
+    spans = next(row for row in rows if row["what"] == "span of energies, mass")
+    assert (spans["span"], spans["span_low"], spans["span_high"]) == (40.0, 30.0, 50.0)
+    single = build_force_rows([RUN], [{"truth": TRUTH}])
+    assert not any("span_low" in row for row in single)
+
+
 def test_a_law_that_answers_the_wrong_way_says_why() -> None:
     rows = build_force_rows([RUN], [{"truth": {"refused": "against the measured way"}}])
     assert [row["what"] for row in rows] == ["nothing measured"]

@@ -68,7 +68,8 @@ def test_print(table):
     lines = [line for line in rest.splitlines() if line.startswith(("frequency", "equilibrium"))]
     assert r"\emph{Pendulum (simulated)}" in rest
     assert len(lines) == 4
-    assert r"2.10\,{\scriptsize [1.90, 2.30]} & 2.000 & 5.00 & 2.010 & --" in lines[0]
+    error = r"5.0\,{\scriptsize [5.0, 15.0]}"
+    assert rf"2.10\,{{\scriptsize [1.90, 2.30]}} & 2.000 & {error} & 2.010 & --" in lines[0]
     assert "-- & 2.000 & -- & 2.010 & --" in lines[2]
     assert "brackets: their range" in rest
 
