@@ -27,6 +27,7 @@ from lagsplat.report.tables.learned_physics import (
 )
 
 ROOT = Path(__file__).resolve().parents[1]
+PUBLISHED = ROOT / "results" / "published"
 LAYOUTS: dict[str, Callable[..., list[PrintedTable]]] = {
     "krauss": lay_out_benchmark,
     "deformation": lay_out_deformation,
@@ -51,23 +52,37 @@ def read_titles() -> dict[str, str]:
     return {path.stem: yaml.safe_load(path.read_text("utf-8"))["system"]["title"] for path in files}
 
 
+def read_rows(name: str, **equal: object) -> pd.DataFrame:
+    """The rows of a published table that have these values.
+
+    Raises:
+        ValueError: there is none.
+    """
+    table = pd.read_csv(PUBLISHED / f"{name}.csv")
+    for column, value in equal.items():
+        table = table[table[column].isin(value if isinstance(value, tuple) else (value,))]
+    if table.empty:
+        raise ValueError(f"{name}.csv has no row with {equal}")
+    return table
+
+
 def list_published() -> Iterator[tuple[Path, list[PrintedTable]]]:
     """Every published table of numbers that has a printed form."""
-    for path in sorted((ROOT / "results/published").rglob("*.csv")):
+    for path in sorted(PUBLISHED.rglob("*.csv")):
         if path.stem in LAYOUTS:
             yield path, LAYOUTS[path.stem](pd.read_csv(path), titles=read_titles())
 
 
 def show(name: str, part: int = 0) -> None:
     """Print a part of a published table, such as ``quick_baselines/krauss``, for the page that has it."""
-    path = ROOT / "results/published" / f"{name}.csv"
+    path = PUBLISHED / f"{name}.csv"
     tables = LAYOUTS[path.stem](pd.read_csv(path), titles=read_titles())
     print(f"\n{format_markdown(tables[part])}\n")
 
 
 def show_plain(name: str) -> None:
     """Print a published table that has no printed form as it stands, numbers to three digits."""
-    table = pd.read_csv(ROOT / "results/published" / f"{name}.csv", keep_default_na=False, na_values=[""])
+    table = pd.read_csv(PUBLISHED / f"{name}.csv", keep_default_na=False, na_values=[""])
     print(f"\n| {' | '.join(table.columns)} |\n|{'---|' * len(table.columns)}")
     for row in table.itertuples(index=False):
         cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row]
@@ -77,8 +92,7 @@ def show_plain(name: str) -> None:
 
 def list_pages() -> list[Path]:
     """The pages that have a table of a published file."""
-    published = ROOT / "results" / "published" / "README.md"
-    pages = [ROOT / "README.md", published, *sorted((ROOT / "docs").rglob("*.md"))]
+    pages = [ROOT / "README.md", PUBLISHED / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     return [page for page in pages if "[[[cog" in page.read_text("utf-8")]
 
 

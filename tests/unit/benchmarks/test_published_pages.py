@@ -41,7 +41,7 @@ def test_the_worst_median_is_compared_with_its_aim(tmp_path: Path, monkeypatch, 
     table["error_high"] = 2.0 * table["error"]
     (tmp_path / "quick_simulated_seven").mkdir()
     table.to_csv(tmp_path / "quick_simulated_seven/truth.csv", index=False)
-    monkeypatch.setattr(published_summary, "PUBLISHED", tmp_path)
+    monkeypatch.setattr(published_tables, "PUBLISHED", tmp_path)
     errors = published_aims.read_physics()
     worst = {aim: published_aims.find_worst(aim, errors) for aim in published_aims.list_physics_aims()}
     seeds = published_aims.find_worst(next(iter(worst)), errors, "worst_seed")
@@ -69,7 +69,7 @@ def test_answers_to_forces_have_aims_in_their_units(tmp_path: Path, monkeypatch,
     ]
     (tmp_path / "quick_forces").mkdir()
     pd.DataFrame(rows).to_csv(tmp_path / "quick_forces/force_truth.csv", index=False)
-    monkeypatch.setattr(published_summary, "PUBLISHED", tmp_path)
+    monkeypatch.setattr(published_tables, "PUBLISHED", tmp_path)
     published_aims.show_aims("forces")
     lines = capsys.readouterr().out.splitlines()[3:-1]
     assert lines[0].startswith("| direction of the pushed point | free systems | 5° | 6° (")
@@ -79,9 +79,8 @@ def test_answers_to_forces_have_aims_in_their_units(tmp_path: Path, monkeypatch,
 
 
 def test_a_plain_table_leaves_what_is_missing_empty(tmp_path: Path, monkeypatch, capsys) -> None:
-    (tmp_path / "results/published").mkdir(parents=True)
-    (tmp_path / "results/published/some.csv").write_text("what,ms,mark\nstep,1.23456,\nother,,at most 4\n")
-    monkeypatch.setattr(published_tables, "ROOT", tmp_path)
+    (tmp_path / "some.csv").write_text("what,ms,mark\nstep,1.23456,\nother,,at most 4\n")
+    monkeypatch.setattr(published_tables, "PUBLISHED", tmp_path)
     published_tables.show_plain("some")
     assert capsys.readouterr().out.splitlines()[3:5] == ["| step | 1.23 |  |", "| other |  | at most 4 |"]
 
