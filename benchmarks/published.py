@@ -22,6 +22,7 @@ from typing import Any
 import yaml
 from PIL import Image
 
+from benchmarks.drawn_systems import draw_overrides
 from benchmarks.published_tables import write_pages
 from lagsplat.io.files.atomic import save_json, sha256_of, write_text
 from lagsplat.planning.plan import compose_for, read_overrides, shared_experiment
@@ -40,7 +41,15 @@ def read_plan() -> dict[str, dict[str, Any]]:
     """The folders, each with its settings and its files; without the campaigns."""
     plan: dict[str, dict[str, Any]] = yaml.safe_load(PLAN.read_text("utf-8"))
     del plan["campaigns"]
+    for folder in plan.values():
+        if "draw" in folder:
+            folder["systems"] = draw_overrides(folder["draw"])
     return plan
+
+
+def work_of(name: str, folder: dict[str, Any]) -> Path:
+    """Where the workflow runs for a folder; drawn systems have paths of others, so a place of their own."""
+    return WORK / name if "draw" in folder else WORK
 
 
 def place_of(name: str, folder: dict[str, Any]) -> Path:
@@ -71,8 +80,9 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     commit, clock = name_commit(), WORK / f"{name}.minutes"
     files = {key: {"needs": made} if isinstance(made, str) else made for key, made in folder["files"].items()}
     command = write_command(folder, [each["needs"] for each in files.values() if "needs" in each])
-    WORK.mkdir(parents=True, exist_ok=True)
-    where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(WORK)]
+    work = work_of(name, folder)
+    work.mkdir(parents=True, exist_ok=True)
+    where = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(work)]
     words = [word.replace("{data}", os.environ.get(folder.get("data", ""), "")) for word in command]
     if not words:
         clock.unlink(missing_ok=True)  # nothing that an earlier call made is taken
@@ -84,10 +94,10 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     for key, made in files.items():
         out = into / key
         if "command" in made:
-            told = made["command"].format(run=WORK / "results", out=out, published=PUBLISHED)
+            told = made["command"].format(run=work / "results", out=out, published=PUBLISHED)
             words = [sys.executable if word == "python" else word for word in shlex.split(told)]
             run_timed(words, clock)
-        take_file(out if "command" in made else WORK / made["needs"], out)
+        take_file(out if "command" in made else work / made["needs"], out)
         entry[key] = {"made_by": made.get("command") or made["needs"], "sha256": sha256_of(out)}
     return {
         "commit": commit,

@@ -18,6 +18,7 @@ LAW, ROLLOUT = "linearised law", "free rollout"
 PUSHED = (*ONE, "hanging_bag")  # free systems of which answers to forces are compared with the truth
 DRIVEN = ("krauss_1seg", "krauss_2seg")
 SPACE = ("rainbow_rocker_3d",)
+DRAWN = ("drawn_1", "drawn_2", "drawn_3")
 COLUMNS = ["system", "quantity", "error", "worst_seed"]
 ARM = ("krauss_2seg",)
 
@@ -66,9 +67,9 @@ def list_force_aims() -> Iterator[Aim]:
     yield Aim("two and four coordinates", two, "span of the learned mass over the true one", 4.0, " times")
 
 
-def read_physics() -> pd.DataFrame:
+def read_physics(folder: str = "quick_simulated_seven") -> pd.DataFrame:
     """Errors of the learned physics of the simulated systems, by system and quantity."""
-    rows = read_rows("quick_simulated_seven/truth", recording="simulated")
+    rows = read_rows(f"{folder}/truth", recording="simulated")
     names = rows["quantity"].str.replace(" of mode 1,", ",").str.replace(r" \[.*\]", "", regex=True)
     return rows.assign(quantity=names, worst_seed=rows.get("error_high"))[COLUMNS]
 
@@ -131,6 +132,27 @@ def judge_aims(kind: str) -> Iterator[tuple[Aim, pd.DataFrame]]:
     errors = read_errors().reset_index(drop=True)
     for aim in list_aims():
         yield aim, errors
+
+
+def show_drawn() -> None:
+    """Print the table of the aims for systems whose numbers were drawn at random, one seed each.
+
+    Counted is each system of each draw; beside them the systems on whose recordings the method was made.
+    """
+    print("\n| error | systems | aim | drawn: median, met | developed on: median, met |")
+    print("|---|---|:-:|---|---|")
+    drawn, known = [read_physics(folder) for folder in DRAWN], [read_physics()]
+    for aim in list_physics_aims():
+        cells = [_count_met(aim, errors) for errors in (drawn, known)]
+        print(f"| {aim.quantity} | {aim.title} | {aim.write(aim.largest, 3)} | {' | '.join(cells)} |")
+    print()
+
+
+def _count_met(aim: Aim, folders: list[pd.DataFrame]) -> str:
+    """The median error, and how many systems of these folders meet an aim; what was not found meets none."""
+    worst = [find_worst(aim._replace(systems=(name,)), errors) for errors in folders for name in aim.systems]
+    errors = [each[0] if each else np.inf for each in worst]
+    return f"{aim.write(float(np.median(errors)))}, {sum(e <= aim.largest for e in errors)} of {len(errors)}"
 
 
 def is_met(aim: Aim, errors: pd.DataFrame) -> bool:

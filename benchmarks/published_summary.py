@@ -146,7 +146,8 @@ def show_summary() -> None:
     for page, summarize in PAGES.items():
         for each in summarize():
             found = each.found if each.met else f"**{each.found}**"
-            print(f"| [{page.replace('-', ' ')}](docs/measurements/{page}.md) | {each.what} | {found} | {each.aim} |")
+            link = f"[{page.replace('-', ' ')}](docs/measurements/{page}.md)"
+            print(f"| {link} | {each.what} | {found} | {each.aim} |")
     print()
 
 

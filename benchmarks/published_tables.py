@@ -102,7 +102,7 @@ def write_pages(*options: str) -> int:
         "tables": "show, show_plain",
         "summary": "show_manifest, show_summary",
         "sealed": "show_sealed",
-        "aims": "show_aims",
+        "aims": "show_aims, show_drawn",
     }
     prologue = "; ".join(f"from benchmarks.published_{name} import {f}" for name, f in functions.items())
     return int(Cog().main(["cog", "-r", "-P", "-p", prologue, *options, *map(str, list_pages())]) or 0)
