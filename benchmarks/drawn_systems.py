@@ -3,7 +3,7 @@
 Constants of the method were chosen while looking at the recordings of ``conf/release`` and
 ``conf/simulation``. `draw_overrides` changes what a mechanism is: size (with its camera), mass, friction or
 stiffness, how far and to which side it is let go, the wall behind it, and the band of an arm's drive. Factors
-are drawn between 1 / `SPREAD` and `SPREAD`, log-uniformly; ``python -m benchmarks.drawn_systems 1`` says them.
+are drawn log-uniformly between 1 / `SPREAD` and `SPREAD`. ``python -m benchmarks.drawn_systems 1`` shows one.
 """
 
 import sys
