@@ -75,7 +75,10 @@ wildcard_constraints:
     field="conditioned|deformed",
     # Figures in space end in the same way as the names of systems in space.
     mechanism="|".join(
-        [*SYSTEMS_OF_FIGURES, *(name for name in options("system") if not name.endswith(SUFFIX))]
+        [
+            *SYSTEMS_OF_FIGURES,
+            *(name for name in options("system") if not name.endswith(SUFFIX)),
+        ]
     ),
     solid="|".join(planned_spatial(overrides)),
     ae="[0-9]+",
