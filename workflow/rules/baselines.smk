@@ -1,7 +1,7 @@
 rule baseline:
     input:
         recording=rules.stage1.input.recording,
-        weights=lambda wildcards: weights_of(overrides, **choices(wildcards)) or [],
+        weights=lambda wildcards: weights_of(overrides, **list_choices(wildcards)) or [],
         records=rules.views.input.records,
     output:
         model=update(

@@ -97,7 +97,7 @@ rule deformation:
         runtime=10,
     params:
         runs=lambda wildcards: field_runs(),
-        titles=lambda wildcards: titles(field_runs()),
+        titles=lambda wildcards: plan.titles(field_runs()),
         before=lambda wildcards: [before("field_table")(run) for run in field_runs()],
         code=script_digest(SCRIPTS / "extrapolation/deformation.py"),
     message:
@@ -138,7 +138,8 @@ rule jacobian_field:
         runtime=10,
     params:
         title=lambda wildcards: "The same motion read off two decoders · {title} · {recording} recording · profile {profile}".format(
-            title=titles(field_runs())[field_runs()[0]["system"]], **field_runs()[0]
+            title=plan.titles(field_runs())[field_runs()[0]["system"]],
+            **field_runs()[0],
         ),
         before=lambda wildcards: [
             before("field_table")(run) for run in field_runs()[:1]

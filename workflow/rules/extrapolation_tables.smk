@@ -39,9 +39,9 @@ rule extrapolation:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: extrapolated()[0],
-        others=lambda wildcards: extrapolated()[1],
-        titles=lambda wildcards: titles(extrapolated()[0]),
+        runs=lambda wildcards: plan.extrapolated()[0],
+        others=lambda wildcards: plan.extrapolated()[1],
+        titles=lambda wildcards: plan.titles(plan.extrapolated()[0]),
         before=lambda wildcards: before_extrapolations(),
         code=script_digest(SCRIPTS / "extrapolation/extrapolation.py"),
     message:
@@ -86,7 +86,7 @@ rule equilibrium:
         runtime=10,
     params:
         title=lambda wildcards: "Free extrapolation far past the clip · {title} · {recording} recording · profile {profile}".format(
-            title=titles(first_extrapolated("run"))[
+            title=plan.titles(first_extrapolated("run"))[
                 first_extrapolated("run")[0]["system"]
             ],
             **first_extrapolated("run")[0],

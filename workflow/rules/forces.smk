@@ -39,7 +39,7 @@ rule forces:
 rule force:
     input:
         run=lambda wildcards: [
-            output.format(**pushed(wildcards.mechanism))
+            output.format(**plan.pushed(wildcards.mechanism))
             for output in (
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
@@ -48,8 +48,8 @@ rule force:
             )
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**pushed(wildcards.mechanism)),
-            rules.matter.output.record.format(**pushed(wildcards.mechanism)),
+            rules.stage2.output.record.format(**plan.pushed(wildcards.mechanism)),
+            rules.matter.output.record.format(**plan.pushed(wildcards.mechanism)),
         ],
     output:
         pdf="results/figures/force_{mechanism}.pdf",
@@ -70,13 +70,15 @@ rule force:
         mem_mb=2000,
         runtime=10,
     params:
-        cfg=lambda wildcards: section("forces")(pushed(wildcards.mechanism)),
-        hanging=lambda wildcards: section("system.film")(pushed(wildcards.mechanism))
+        cfg=lambda wildcards: section("forces")(plan.pushed(wildcards.mechanism)),
+        hanging=lambda wildcards: section("system.film")(
+            plan.pushed(wildcards.mechanism)
+        )
         == "krauss",
         title=lambda wildcards: "Forces in the picture · {recording} recording of {system} · profile {profile}".format(
-            **pushed(wildcards.mechanism)
+            **plan.pushed(wildcards.mechanism)
         ),
-        before=lambda wildcards: before_push(pushed(wildcards.mechanism)),
+        before=lambda wildcards: before_push(plan.pushed(wildcards.mechanism)),
         code=script_digest(SCRIPTS / "forces/force.py"),
     message:
         "Draw {wildcards.mechanism} under forces given in the picture"
@@ -87,7 +89,7 @@ rule force:
 rule push_animation:
     input:
         recording=lambda wildcards: rules.stage1.input.recording.format(
-            **pushed(wildcards.mechanism)
+            **plan.pushed(wildcards.mechanism)
         ),
         run=rules.force.input.run,
         records=rules.force.input.records,
@@ -110,9 +112,9 @@ rule push_animation:
         runtime=10,
     params:
         title=lambda wildcards: "{recording} recording of {system} · profile {profile}".format(
-            **pushed(wildcards.mechanism)
+            **plan.pushed(wildcards.mechanism)
         ),
-        before=lambda wildcards: before_push(pushed(wildcards.mechanism)),
+        before=lambda wildcards: before_push(plan.pushed(wildcards.mechanism)),
         code=script_digest(SCRIPTS / "forces/push_animation.py"),
     message:
         "Draw {wildcards.mechanism} under a push as a moving picture"
@@ -123,10 +125,10 @@ rule push_animation:
 rule force_map:
     input:
         metrics=lambda wildcards: rules.forces.output.metrics.format(
-            **pushed(wildcards.mechanism)
+            **plan.pushed(wildcards.mechanism)
         ),
         run=lambda wildcards: [
-            output.format(**pushed(wildcards.mechanism))
+            output.format(**plan.pushed(wildcards.mechanism))
             for output in (
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
@@ -154,9 +156,9 @@ rule force_map:
         runtime=10,
     params:
         title=lambda wildcards: "Errors of the answers, by where the force acts · {recording} recording of {system} · profile {profile}".format(
-            **pushed(wildcards.mechanism)
+            **plan.pushed(wildcards.mechanism)
         ),
-        before=lambda wildcards: forces_before([pushed(wildcards.mechanism)]),
+        before=lambda wildcards: forces_before([plan.pushed(wildcards.mechanism)]),
         code=script_digest(SCRIPTS / "forces/force_map.py"),
     message:
         "Draw where on {wildcards.mechanism} forces are answered wrongly"
@@ -167,7 +169,8 @@ rule force_map:
 rule force_invariants:
     input:
         metrics=lambda wildcards: [
-            rules.forces.output.metrics.format(**run) for run in pushable(main_runs())
+            rules.forces.output.metrics.format(**run)
+            for run in plan.pushable(plan.main_runs())
         ],
         solid=expand(rules.force_space.output.metrics, solid=planned_spatial(overrides)),
     output:
@@ -190,16 +193,16 @@ rule force_invariants:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: pushable(main_runs()),
+        runs=lambda wildcards: plan.pushable(plan.main_runs()),
         solid=[asdict(run) for run in planned_spatial(overrides).values()],
-        titles=lambda wildcards: titles(
+        titles=lambda wildcards: plan.titles(
             [
-                *pushable(main_runs()),
+                *plan.pushable(plan.main_runs()),
                 *(asdict(run) for run in planned_spatial(overrides).values()),
             ]
         ),
         before=lambda wildcards: [
-            forces_before(pushable(main_runs())),
+            forces_before(plan.pushable(plan.main_runs())),
             [before_push(spatial(name)) for name in planned_spatial(overrides)],
         ],
         code=script_digest(SCRIPTS / "forces/force_invariants.py"),
@@ -212,7 +215,7 @@ rule force_invariants:
 rule force_truth:
     input:
         metrics=lambda wildcards: [
-            rules.forces.output.metrics.format(**run) for run in pushed_runs()
+            rules.forces.output.metrics.format(**run) for run in plan.pushed_runs()
         ],
     output:
         tex="results/tables/force_truth.tex",
@@ -235,9 +238,9 @@ rule force_truth:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: pushed_runs(),
-        titles=lambda wildcards: titles(pushed_runs()),
-        before=lambda wildcards: forces_before(pushed_runs()),
+        runs=lambda wildcards: plan.pushed_runs(),
+        titles=lambda wildcards: plan.titles(plan.pushed_runs()),
+        before=lambda wildcards: forces_before(plan.pushed_runs()),
         code=script_digest(SCRIPTS / "forces/force_truth.py"),
     message:
         "Compare the answers to known forces with the true ones"

@@ -84,10 +84,10 @@ rule diagnose:
 rule gap:
     input:
         diagnoses=lambda wildcards: [
-            rules.diagnose.output.diagnosis.format(**one) for one in diagnosed()
+            rules.diagnose.output.diagnosis.format(**one) for one in plan.diagnosed()
         ],
         records=lambda wildcards: [
-            rules.diagnose.output.record.format(**one) for one in diagnosed()
+            rules.diagnose.output.record.format(**one) for one in plan.diagnosed()
         ],
     output:
         tex="results/tables/gap.tex",
@@ -109,9 +109,9 @@ rule gap:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: diagnosed(),
-        titles=lambda wildcards: titles(diagnosed()),
-        before=lambda wildcards: [before("table")(one) for one in diagnosed()],
+        runs=lambda wildcards: plan.diagnosed(),
+        titles=lambda wildcards: plan.titles(plan.diagnosed()),
+        before=lambda wildcards: [before("table")(one) for one in plan.diagnosed()],
         code=script_digest(SCRIPTS / "diagnosis/gap.py"),
     message:
         "Gather the diagnoses of every system in one table"

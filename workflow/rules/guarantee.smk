@@ -1,13 +1,13 @@
 rule guarantee:
     input:
         dynamics=lambda wildcards: [
-            rules.stage2.output.dynamics.format(**run) for run in planned()
+            rules.stage2.output.dynamics.format(**run) for run in plan.runs()
         ],
         charts=lambda wildcards: [
-            rules.chart.output.chart.format(**run) for run in planned()
+            rules.chart.output.chart.format(**run) for run in plan.runs()
         ],
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**run) for run in planned()
+            rules.stage2.output.record.format(**run) for run in plan.runs()
         ],
     output:
         tex="results/tables/guarantee.tex",
@@ -29,10 +29,10 @@ rule guarantee:
         mem_mb=2000,
         runtime=30,
     params:
-        runs=lambda wildcards: planned(),
-        titles=lambda wildcards: titles(planned()),
-        cfg=lambda wildcards: section("extrapolation.guarantee")(planned()[0]),
-        before=lambda wildcards: [before("evaluate")(run) for run in planned()],
+        runs=lambda wildcards: plan.runs(),
+        titles=lambda wildcards: plan.titles(plan.runs()),
+        cfg=lambda wildcards: section("extrapolation.guarantee")(plan.runs()[0]),
+        before=lambda wildcards: [before("evaluate")(run) for run in plan.runs()],
         code=script_digest(SCRIPTS / "stage2/guarantee.py"),
     message:
         "Ask every trained law whether it comes to rest from anywhere"

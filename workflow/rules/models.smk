@@ -1,13 +1,13 @@
 rule horizon:
     input:
         metrics=lambda wildcards: [
-            rules.evaluate.output.metrics.format(**planned(**wildcards)[0])
+            rules.evaluate.output.metrics.format(**plan.runs(**wildcards)[0])
         ],
         baselines=lambda wildcards: baseline_files(
             wildcards.system, rules.baseline_evaluate.output.metrics
         ),
         records=lambda wildcards: [
-            rules.evaluate.output.record.format(**planned(**wildcards)[0]),
+            rules.evaluate.output.record.format(**plan.runs(**wildcards)[0]),
             *baseline_files(wildcards.system, rules.baseline_evaluate.output.record),
         ],
     output:
@@ -29,8 +29,8 @@ rule horizon:
         mem_mb=1500,
         runtime=10,
     params:
-        names=lambda wildcards: ["LaGSplat", *baseline_names(wildcards.system)],
-        title=lambda wildcards: f"Image error over time · {shown_as(wildcards.system)}",
+        names=lambda wildcards: ["LaGSplat", *plan.name_baselines(wildcards.system)],
+        title=lambda wildcards: f"Image error over time · {plan.describe_models(wildcards.system)}",
         before=lambda wildcards: before_figures(wildcards.system),
         code=script_digest(SCRIPTS / "report/horizon.py"),
     message:
@@ -42,10 +42,10 @@ rule horizon:
 rule gallery:
     input:
         recording=lambda wildcards: rules.stage1.input.recording.format(
-            **planned(**wildcards)[0]
+            **plan.runs(**wildcards)[0]
         ),
         run=lambda wildcards: [
-            output.format(**planned(**wildcards)[0])
+            output.format(**plan.runs(**wildcards)[0])
             for output in (
                 rules.stage1.output.autoencoder,
                 rules.chart.output.chart,
@@ -56,7 +56,7 @@ rule gallery:
             wildcards.system, rules.baseline.output.model
         ),
         records=lambda wildcards: [
-            rules.stage2.output.record.format(**planned(**wildcards)[0]),
+            rules.stage2.output.record.format(**plan.runs(**wildcards)[0]),
             *baseline_files(wildcards.system, rules.baseline.output.record),
         ],
     output:
@@ -78,9 +78,9 @@ rule gallery:
         mem_mb=3000,
         runtime=10,
     params:
-        cfg=lambda wildcards: section("evaluate")(planned(**wildcards)[0]),
-        names=lambda wildcards: baseline_names(wildcards.system),
-        title=lambda wildcards: shown_as(wildcards.system),
+        cfg=lambda wildcards: section("evaluate")(plan.runs(**wildcards)[0]),
+        names=lambda wildcards: plan.name_baselines(wildcards.system),
+        title=lambda wildcards: plan.describe_models(wildcards.system),
         before=lambda wildcards: before_figures(wildcards.system),
         code=script_digest(SCRIPTS / "report/gallery.py"),
     message:
@@ -92,7 +92,7 @@ rule gallery:
 rule attention:
     input:
         recording=lambda wildcards: rules.stage1.input.recording.format(
-            **planned(**wildcards)[0]
+            **plan.runs(**wildcards)[0]
         ),
         models=lambda wildcards: baseline_files(
             wildcards.system, rules.baseline.output.model
@@ -119,11 +119,11 @@ rule attention:
         mem_mb=2000,
         runtime=10,
     params:
-        names=lambda wildcards: baseline_names(wildcards.system),
-        title=lambda wildcards: f"Attention maps · {shown_as(wildcards.system)}",
+        names=lambda wildcards: plan.name_baselines(wildcards.system),
+        title=lambda wildcards: f"Attention maps · {plan.describe_models(wildcards.system)}",
         before=lambda wildcards: [
             before("baseline_evaluate")(run)
-            for run in first_baselines(wildcards.system)
+            for run in plan.first_baselines(wildcards.system)
         ],
         code=script_digest(SCRIPTS / "report/attention.py"),
     message:
@@ -135,15 +135,15 @@ rule attention:
 rule inertia:
     input:
         chart=lambda wildcards: rules.chart.output.chart.format(
-            **planned(**wildcards)[0]
+            **plan.runs(**wildcards)[0]
         ),
         dynamics=lambda wildcards: [
             rules.stage2.output.dynamics.format(**run)
-            for run in first_masses(wildcards.system)
+            for run in plan.first_masses(wildcards.system)
         ],
         records=lambda wildcards: [
             rules.stage2.output.record.format(**run)
-            for run in first_masses(wildcards.system)
+            for run in plan.first_masses(wildcards.system)
         ],
     output:
         pdf="results/figures/inertia_{system}.pdf",
@@ -165,11 +165,11 @@ rule inertia:
         runtime=10,
     params:
         names=lambda wildcards: [
-            run["stage2"] for run in first_masses(wildcards.system)
+            run["stage2"] for run in plan.first_masses(wildcards.system)
         ],
-        title=lambda wildcards: f"Inertia along the held-out motion · {shown_as(wildcards.system)}",
+        title=lambda wildcards: f"Inertia along the held-out motion · {plan.describe_models(wildcards.system)}",
         before=lambda wildcards: [
-            before("evaluate")(run) for run in first_masses(wildcards.system)
+            before("evaluate")(run) for run in plan.first_masses(wildcards.system)
         ],
         code=script_digest(SCRIPTS / "report/inertia.py"),
     message:

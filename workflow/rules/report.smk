@@ -33,8 +33,12 @@ rule rollout:
 
 rule figure:
     input:
-        pdf=lambda wildcards: rules.rollout.output.pdf.format(**planned(**wildcards)[0]),
-        png=lambda wildcards: rules.rollout.output.png.format(**planned(**wildcards)[0]),
+        pdf=lambda wildcards: rules.rollout.output.pdf.format(
+            **plan.runs(**wildcards)[0]
+        ),
+        png=lambda wildcards: rules.rollout.output.png.format(
+            **plan.runs(**wildcards)[0]
+        ),
     output:
         pdf="results/figures/rollout_{system}.pdf",
         png=report(
@@ -54,7 +58,7 @@ rule figure:
         mem_mb=1500,
         runtime=10,
     params:
-        before=lambda wildcards: before("evaluate")(planned(**wildcards)[0]),
+        before=lambda wildcards: before("evaluate")(plan.runs(**wildcards)[0]),
         code=script_digest(SCRIPTS / "report/figure.py"),
     message:
         "Show the rollout of {wildcards.system}"

@@ -1,22 +1,22 @@
 rule table:
     input:
-        metrics=gathered(krauss_runs, "metrics"),
-        simple=simple_predictors(krauss_runs, "metrics"),
-        simple_records=simple_predictors(krauss_runs, "record"),
+        metrics=gathered(plan.krauss_runs, "metrics"),
+        simple=simple_predictors(plan.krauss_runs, "metrics"),
+        simple_records=simple_predictors(plan.krauss_runs, "record"),
         odes=lambda wildcards: [
-            rules.ode_evaluate.output.metrics.format(**run) for run in ode_runs()
+            rules.ode_evaluate.output.metrics.format(**run) for run in plan.ode_runs()
         ],
         ode_records=lambda wildcards: [
-            rules.ode_evaluate.output.record.format(**run) for run in ode_runs()
+            rules.ode_evaluate.output.record.format(**run) for run in plan.ode_runs()
         ],
         baselines=lambda wildcards: [
             rules.baseline_evaluate.output.metrics.format(**run)
-            for run in baseline_runs()
+            for run in plan.baseline_runs()
         ],
-        records=gathered(krauss_runs, "record"),
+        records=gathered(plan.krauss_runs, "record"),
         baseline_records=lambda wildcards: [
             rules.baseline_evaluate.output.record.format(**run)
-            for run in baseline_runs()
+            for run in plan.baseline_runs()
         ],
     output:
         tex="results/tables/krauss.tex",
@@ -39,16 +39,19 @@ rule table:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: krauss_runs(),
-        image_models=lambda wildcards: image_models(krauss_runs()),
-        odes=lambda wildcards: ode_runs(),
-        baselines=lambda wildcards: baseline_runs(),
-        titles=lambda wildcards: titles(krauss_runs()),
+        runs=lambda wildcards: plan.krauss_runs(),
+        image_models=lambda wildcards: list_image_models(plan.krauss_runs()),
+        odes=lambda wildcards: plan.ode_runs(),
+        baselines=lambda wildcards: plan.baseline_runs(),
+        titles=lambda wildcards: plan.titles(plan.krauss_runs()),
         before=lambda wildcards: [
-            *(before("table")(run) for run in krauss_runs()),
-            *(before("simple_table")(model) for model in image_models(krauss_runs())),
-            *(before("peer_table")(run) for run in ode_runs()),
-            *(before("baseline_table")(run) for run in baseline_runs()),
+            *(before("table")(run) for run in plan.krauss_runs()),
+            *(
+                before("simple_table")(model)
+                for model in list_image_models(plan.krauss_runs())
+            ),
+            *(before("peer_table")(run) for run in plan.ode_runs()),
+            *(before("baseline_table")(run) for run in plan.baseline_runs()),
         ],
         code=script_digest(SCRIPTS / "report/table.py"),
     message:
@@ -59,8 +62,8 @@ rule table:
 
 rule mass:
     input:
-        metrics=gathered(mass_runs, "metrics"),
-        records=gathered(mass_runs, "record"),
+        metrics=gathered(plan.mass_runs, "metrics"),
+        records=gathered(plan.mass_runs, "record"),
     output:
         tex="results/tables/mass.tex",
         appendix="results/tables/mass_appendix.tex",
@@ -82,9 +85,9 @@ rule mass:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: mass_runs(),
-        titles=lambda wildcards: titles(mass_runs()),
-        before=lambda wildcards: [before("table")(run) for run in mass_runs()],
+        runs=lambda wildcards: plan.mass_runs(),
+        titles=lambda wildcards: plan.titles(plan.mass_runs()),
+        before=lambda wildcards: [before("table")(run) for run in plan.mass_runs()],
         code=script_digest(SCRIPTS / "report/mass.py"),
     message:
         "Compare the forms of the mass of every arm"
@@ -94,8 +97,8 @@ rule mass:
 
 rule recipes:
     input:
-        metrics=gathered(recipe_runs, "metrics"),
-        records=gathered(recipe_runs, "record"),
+        metrics=gathered(plan.recipe_runs, "metrics"),
+        records=gathered(plan.recipe_runs, "record"),
     output:
         tex="results/tables/recipes.tex",
         csv="results/tables/recipes.csv",
@@ -116,9 +119,9 @@ rule recipes:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: recipe_runs(),
-        titles=lambda wildcards: titles(recipe_runs()),
-        before=lambda wildcards: [before("table")(run) for run in recipe_runs()],
+        runs=lambda wildcards: plan.recipe_runs(),
+        titles=lambda wildcards: plan.titles(plan.recipe_runs()),
+        before=lambda wildcards: [before("table")(run) for run in plan.recipe_runs()],
         code=script_digest(SCRIPTS / "report/recipes.py"),
     message:
         "Compare the paper's and the published code's settings with ours"
@@ -128,10 +131,10 @@ rule recipes:
 
 rule physical:
     input:
-        metrics=gathered(main_runs, "metrics"),
-        simple=simple_predictors(main_runs, "metrics"),
-        simple_records=simple_predictors(main_runs, "record"),
-        records=gathered(main_runs, "record"),
+        metrics=gathered(plan.main_runs, "metrics"),
+        simple=simple_predictors(plan.main_runs, "metrics"),
+        simple_records=simple_predictors(plan.main_runs, "record"),
+        records=gathered(plan.main_runs, "record"),
     output:
         tex="results/tables/physical.tex",
         csv="results/tables/physical.csv",
@@ -152,12 +155,15 @@ rule physical:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: main_runs(),
-        image_models=lambda wildcards: image_models(main_runs()),
-        titles=lambda wildcards: titles(main_runs()),
+        runs=lambda wildcards: plan.main_runs(),
+        image_models=lambda wildcards: list_image_models(plan.main_runs()),
+        titles=lambda wildcards: plan.titles(plan.main_runs()),
         before=lambda wildcards: [
-            *(before("table")(run) for run in main_runs()),
-            *(before("simple_table")(model) for model in image_models(main_runs())),
+            *(before("table")(run) for run in plan.main_runs()),
+            *(
+                before("simple_table")(model)
+                for model in list_image_models(plan.main_runs())
+            ),
         ],
         code=script_digest(SCRIPTS / "report/physical.py"),
     message:
@@ -168,8 +174,8 @@ rule physical:
 
 rule truth:
     input:
-        metrics=gathered(true_runs, "metrics"),
-        records=gathered(true_runs, "record"),
+        metrics=gathered(plan.true_runs, "metrics"),
+        records=gathered(plan.true_runs, "record"),
     output:
         tex="results/tables/truth.tex",
         appendix="results/tables/truth_appendix.tex",
@@ -191,9 +197,9 @@ rule truth:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: true_runs(),
-        titles=lambda wildcards: titles(true_runs()),
-        before=lambda wildcards: [before("table")(run) for run in true_runs()],
+        runs=lambda wildcards: plan.true_runs(),
+        titles=lambda wildcards: plan.titles(plan.true_runs()),
+        before=lambda wildcards: [before("table")(run) for run in plan.true_runs()],
         code=script_digest(SCRIPTS / "report/truth.py"),
     message:
         "Compare what was learned of every simulated system with its truth"
@@ -203,8 +209,8 @@ rule truth:
 
 rule margins:
     input:
-        metrics=gathered(planned, "metrics"),
-        records=gathered(planned, "record"),
+        metrics=gathered(plan.runs, "metrics"),
+        records=gathered(plan.runs, "record"),
     output:
         tex="results/tables/margins.tex",
         csv="results/tables/margins.csv",
@@ -225,9 +231,9 @@ rule margins:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: planned(),
-        titles=lambda wildcards: titles(planned()),
-        before=lambda wildcards: [before("table")(run) for run in planned()],
+        runs=lambda wildcards: plan.runs(),
+        titles=lambda wildcards: plan.titles(plan.runs()),
+        before=lambda wildcards: [before("table")(run) for run in plan.runs()],
         code=script_digest(SCRIPTS / "report/margins.py"),
     message:
         "Compare the dynamics with constant coefficients"
