@@ -33,7 +33,7 @@ PLAN = Path(__file__).with_name("published.yaml")
 PUBLISHED = ROOT / "results" / "published"
 MANIFEST = PUBLISHED / "manifest.json"
 WORK = ROOT / "build" / "published"
-WIDEST, COLOURS = 1100, 128
+WIDEST, COLOURS = 1000, 64
 TICK_S = 10.0  # between two records of the time taken, of which a killed call loses the last
 
 

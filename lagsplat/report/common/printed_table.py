@@ -14,7 +14,7 @@ DASH_NOTE = "A dash: not measured, or not reported."
 BOLD_NOTE = "Bold: the best of those that can be compared."
 MOST_DIGITS = 4  # of a number with an interval
 MOST_LINES = 36  # of one float, which then stays with caption and notes below the height of a page
-MOST_COLUMNS = 7  # in the usual size of type
+MOST_COLUMNS = 6  # in the usual size of type
 # With booktabs loaded these three do nothing; without it the table still compiles.
 BOOKTABS_FALLBACK = (
     r"\providecommand{\toprule}{\hline}"

@@ -53,7 +53,7 @@ def test_a_figure_is_reduced_and_another_file_is_not(tmp_path: Path) -> None:
     Image.fromarray(rng.integers(0, 255, (300, 2000, 3), dtype=np.uint8)).save(tmp_path / "wide.png")
     published.take_file(tmp_path / "wide.png", tmp_path / "out.png")
     with Image.open(tmp_path / "out.png") as figure:
-        assert figure.size == (published.WIDEST, 165)
+        assert figure.size == (published.WIDEST, 150)
     (tmp_path / "table.csv").write_text("a\n0.1\n")
     published.take_file(tmp_path / "table.csv", tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "a\n0.1\n"

@@ -109,13 +109,13 @@ def test_caption_says_profile_and_spread_and_blocks_the_recording(rows):
     caption = next(line for line in text.splitlines() if line.startswith(r"\caption"))
     for part in (r"\textbf{Forecasts", "Profile quick", "ranges over 3 seeds", r"95 \% intervals"):
         assert part in caption
-    assert r"\emph{Two segments \& co\_1 (simulated)}" in text
+    assert r"\emph{Two segments \& co\_1 (simulated), 50 distinct windows}" in text
     assert r"\emph{Two segments \& co\_1 (filmed, the paper's)}" in text
 
 
 def test_a_file_that_a_user_gave_is_named_with_its_block():
     filmed = build_rows([names(0, recording="filmed")], [run(0, origin="filmed")])
-    assert r"(filmed arm\_2)" in printed(filmed)
+    assert r"(filmed arm\_2), 50 distinct windows" in printed(filmed)
 
 
 def test_the_best_is_bold_among_rows_of_one_recording_only(rows):
@@ -185,7 +185,7 @@ def test_each_baseline_has_a_row_with_our_gain_on_the_same_starts():
         for part in (0, 1)
     )
     assert r"\,{\scriptsize [" in line
-    assert rest.endswith(r"& 32.0 & 4.2 & 50 \\")
+    assert rest.endswith(r"& 32.0 & 4.2 \\")
 
 
 def test_no_gain_is_given_over_a_baseline_that_is_no_better_than_the_mean_image():
