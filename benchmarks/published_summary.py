@@ -75,7 +75,7 @@ def summarize_arm() -> Iterator[Measure]:
     rows = read_rows("quick_baselines/krauss", robot=ARM, recording="simulated").set_index("method")
     errors = 1e3 * rows["mse_half_second"]
     others = ("Linear least squares", "Neural ODE", "Hamiltonian ODE", "Mean image")
-    told = [f"{name[0].lower()}{name[1:]} {errors[name]:.2g}" for name in others if name in errors]
+    told = [f"{name} {errors[name]:.2g}" for name in others if name in errors]
     yield Measure(
         "two-segment arm: image error (10⁻³) over the next half second; other laws of the same latents",
         "; ".join([f"{errors['LaGSplat']:.2g}", *told]),
