@@ -7,6 +7,7 @@ are drawn log-uniformly between 1 / `SPREAD` and `SPREAD`. ``python -m benchmark
 """
 
 import sys
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from lagsplat.systems.rendering.workshop import WALLS
 
 RELEASED = ("pendulum", "rainbow_rocker", "rocking_chair", "hanging_bag", "double_pendulum")
 DRIVEN = ("krauss_1seg", "krauss_2seg")
+# Set before any run, by what keeps a picture alike: an arm that is heavier or softer would leave it.
 SPREAD = {"size": 1.4, "mass": 1.4, "friction": 2.0, "stiffness": 1.2, "drive": 1.2}
 LEAST_RELEASE = 0.6  # of the angle and speed of a release; above 1 some would leave the picture
 
@@ -42,20 +44,20 @@ def change_release(release: ReleaseConfig, rng: np.random.Generator) -> dict[str
     size, mass, friction = (draw_factor(rng, name) for name in ("size", "mass", "friction"))
     amplitude = rng.uniform(LEAST_RELEASE, 1.0) * rng.choice([-1.0, 1.0])
     inertia = mass * size**2
-    if release.linkage is not None:
-        of_link = {
-            **dict.fromkeys(("length", "center"), size),
-            **{"masses": mass, "inertia": inertia, "friction": inertia * friction, "spring": mass * size},
-        }
-        changed = {f"release.linkage.{name}": (release.linkage, name, by) for name, by in of_link.items()}
-    else:
-        of_body = {
-            **dict.fromkeys(("radius", "depth"), size),
-            **{"body_mass": mass, "inertia": inertia, "friction": inertia * friction},
-        }
-        changed = {f"release.rocker.{name}": (release.rocker, name, by) for name, by in of_body.items()}
     in_scene = ("background_width", "behind", "target", "distance", "view_width")
-    changed |= {f"release.scene.{name}": (release.scene, name, size) for name in in_scene}
+    factors = {f"scene.{name}": size for name in in_scene}
+    if release.linkage is not None:
+        factors |= {
+            **dict.fromkeys(("linkage.length", "linkage.center"), size),
+            **{"linkage.masses": mass, "linkage.spring": mass * size},
+            **{"linkage.inertia": inertia, "linkage.friction": inertia * friction},
+        }
+    else:
+        factors |= {
+            **dict.fromkeys(("rocker.radius", "rocker.depth"), size),
+            "rocker.body_mass": mass,
+            **{"rocker.inertia": inertia, "rocker.friction": inertia * friction},
+        }
     bodies = [
         {**vars(body), "size_m": scale(body.size_m, size), "thickness_m": scale(body.thickness_m, size)}
         for body in release.bodies
@@ -64,25 +66,22 @@ def change_release(release: ReleaseConfig, rng: np.random.Generator) -> dict[str
         {**vars(clip), **{name: scale(getattr(clip, name), amplitude) for name in ("state", "velocity")}}
         for clip in release.clips
     ]
-    scaled = {name: scale(getattr(section, key), by) for name, (section, key, by) in changed.items()}
-    wall = str(rng.choice(sorted(WALLS)))
-    return {**scaled, "release.bodies": bodies, "release.clips": clips, "release.scene.background": wall}
+    changed = {name: scale(attrgetter(name)(release), by) for name, by in factors.items()}
+    changed |= {"bodies": bodies, "clips": clips, "scene.background": str(rng.choice(sorted(WALLS)))}
+    return {f"release.{name}": value for name, value in changed.items()}
 
 
 def change_simulation(simulation: SimulationConfig, rng: np.random.Generator) -> dict[str, Any]:
     """Changed settings of an arm; chambers grow with its stiffness, so that it moves about as far."""
     mass, stiffness, damping, drive = (
-        draw_factor(rng, name) for name in ("stiffness", "stiffness", "friction", "drive")
+        draw_factor(rng, kind) for kind in ("stiffness", "stiffness", "friction", "drive")
     )
-    of_arm = {
-        **dict.fromkeys(("mass", "link_mass"), mass),
-        **dict.fromkeys(("bending_stiffness", "extension_stiffness", "chamber_area"), stiffness),
-        "retardation_s": damping,
+    factors = {
+        **dict.fromkeys(("arm.mass", "arm.link_mass"), mass),
+        **dict.fromkeys(("arm.bending_stiffness", "arm.extension_stiffness", "arm.chamber_area"), stiffness),
+        **{"arm.retardation_s": damping, "drive_high_hz": drive},
     }
-    scaled = {
-        f"simulation.arm.{name}": scale(getattr(simulation.arm, name), by) for name, by in of_arm.items()
-    }
-    return {**scaled, "simulation.drive_high_hz": scale(simulation.drive_high_hz, drive)}
+    return {f"simulation.{name}": scale(attrgetter(name)(simulation), by) for name, by in factors.items()}
 
 
 def draw_factor(rng: np.random.Generator, kind: str) -> float:

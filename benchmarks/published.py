@@ -23,17 +23,16 @@ import yaml
 from PIL import Image
 
 from benchmarks.drawn_systems import draw_overrides
-from benchmarks.published_tables import write_pages
+from benchmarks.published_tables import PUBLISHED, write_pages
 from lagsplat.io.files.atomic import save_json, sha256_of, write_text
 from lagsplat.planning.plan import compose_for, read_overrides, shared_experiment
 from lagsplat.provenance import sha256_hex
 
 ROOT = Path(__file__).resolve().parents[1]
 PLAN = Path(__file__).with_name("published.yaml")
-PUBLISHED = ROOT / "results" / "published"
 MANIFEST = PUBLISHED / "manifest.json"
 WORK = ROOT / "build" / "published"
-WIDEST, COLOURS = 1000, 64
+WIDEST, COLOURS = 1000, 64  # of a figure [pixel], so that all files stay below 3 MB
 TICK_S = 10.0  # between two records of the time taken, of which a killed call loses the last
 
 

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from benchmarks.drawn_systems import DRIVEN
 from benchmarks.published_tables import read_rows, read_titles
 
 ONE = ("pendulum", "rainbow_rocker", "rocking_chair")
 TWO = ("hanging_bag", "double_pendulum")
 LAW, ROLLOUT = "linearised law", "free rollout"
 PUSHED = (*ONE, "hanging_bag")  # free systems of which answers to forces are compared with the truth
-DRIVEN = ("krauss_1seg", "krauss_2seg")
 SPACE = ("rainbow_rocker_3d",)
 DRAWN = ("drawn_1", "drawn_2", "drawn_3")
 COLUMNS = ["system", "quantity", "error", "worst_seed"]

@@ -7,12 +7,12 @@ What a page shows is written by ``[[[cog show_sealed() ]]]``; see `benchmarks.pu
 import json
 import lzma
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from benchmarks.gapgen.metrics import wilson
+from benchmarks.published_tables import PUBLISHED
 
-SEALED = Path(__file__).resolve().parents[1] / "results" / "published" / "gap_blind"
+SEALED = PUBLISHED / "gap_blind"
 GROUPS = {
     "d = 1 and 2, mechanisms of the calibration": ("blind-1", "blind-2", "blind-5", "blind-6"),
     "d = 1 and 2, mechanisms that nothing was fitted to": ("blind-7",),

@@ -185,7 +185,7 @@ def lay_out_benchmark(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list
 def _tell_windows(row: Row, table: pd.DataFrame) -> str:
     """How many windows of half a second that do not overlap a recording has, for the heading of its block."""
     same = table[(table["robot"] == row["robot"]) & (table["recording"] == row["recording"])]
-    found = same.get("windows", pd.Series(dtype=float)).dropna()  # tables of old releases have none
+    found = same.get("windows", pd.Series(dtype=float)).dropna()  # earlier campaigns have none
     return "" if found.empty else f", {found.iloc[0]:.0f} distinct windows"
 
 
