@@ -23,6 +23,8 @@ from lagsplat.planning.plan import (
 Wildcards = Mapping[str, Any]
 Run = dict[str, Any]
 CHOICES = ("profile", "recording", "system", "stage1", "stage2", "baseline", "forecaster", "ode")
+LARGE_BATCH = 16  # frames of a step, which the rasteriser shares out: with fewer a second core would idle
+MOST_THREADS = 8
 SYSTEMS_OF_FIGURES = {name: system for system, name in FIGURE_NAMES.items()}
 
 
@@ -78,6 +80,17 @@ class ExperimentPlan:
     def baseline_runs(self) -> list[Run]:
         """Every published baseline beside the arms."""
         return [asdict(run) for run in planned_baselines(self.overrides)]
+
+    def count_stage1_threads(self, wildcards: Wildcards, cores: int | None) -> int:
+        """Threads of an image model: of small batches one, else its share of the cores.
+
+        All models of the experiment run side by side: one that needs every core would wait behind jobs that
+        need one.
+        """
+        if self.section("stage1.batch")(wildcards) < LARGE_BATCH:
+            return 1
+        models = len(list_image_models(self.runs()))
+        return max(1, min(MOST_THREADS, (cores or MOST_THREADS) // max(1, models)))
 
     def first_baselines(self, system: str) -> list[Run]:
         """The baselines of one system with their first seed."""

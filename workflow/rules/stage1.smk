@@ -22,8 +22,7 @@ rule stage1:
     priority: 1  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
-    # The rasteriser shares out the frames of a batch: with few of them a second core would idle.
-    threads: lambda wildcards: 8 if section("stage1.batch")(wildcards) >= 16 else 1
+    threads: lambda wildcards: plan.count_stage1_threads(wildcards, workflow.cores)
     resources:
         mem_mb=4000,
         runtime=minutes(toy=10, quick=120, full=480),

@@ -40,6 +40,24 @@ def test_the_benchmark_is_of_the_arms_and_their_peers() -> None:
     )
 
 
+def test_image_models_of_large_batches_share_the_cores() -> None:
+    threads = [
+        plan.count_stage1_threads(run, cores=cores)
+        for words, cores in (
+            ("systems=[krauss_2seg]", 2),
+            ("systems=[krauss_1seg,krauss_2seg]", 2),
+            ("systems=[krauss_1seg,krauss_2seg]", 8),
+            ("systems=[krauss_1seg,krauss_2seg] seeds=[0,1,2]", 2),
+            ("systems=[krauss_2seg]", 64),
+            ("systems=[krauss_2seg]", None),  # a cluster, whose nodes say it
+            ("systems=[rainbow_rocker]", 2),  # four frames a step
+        )
+        for plan in [plan_of(words)]
+        for run in plan.runs()[:1]
+    ]
+    assert threads == [2, 1, 4, 1, 8, 8, 1]
+
+
 def test_forces_are_of_pictures_and_figures_have_short_names() -> None:
     plan = plan_of("systems=[rainbow_rocker,krauss_2seg,rainbow_rocker_3d]")
     assert list_systems(plan.pushable(plan.main_runs())) == ["rainbow_rocker", "krauss_2seg"]
