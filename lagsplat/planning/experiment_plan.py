@@ -77,6 +77,18 @@ class ExperimentPlan:
             for ode in dict.fromkeys(self.section("odes")(model))
         ]
 
+    def models_of(self, system: str) -> tuple[list[Run], list[Run], list[Run], list[Run]]:
+        """Every seed of all that forecasts a system.
+
+        Runs without ablations, their image models, the differential equations over these, and the baselines.
+        """
+        runs = [run for run in self.main_runs() if run["system"] == system]
+        odes, baselines = (
+            [run for run in every if run["system"] == system]
+            for every in (self.ode_runs(), self.baseline_runs())
+        )
+        return runs, list_image_models(runs), odes, baselines
+
     def baseline_runs(self) -> list[Run]:
         """Every published baseline beside the arms."""
         return [asdict(run) for run in planned_baselines(self.overrides)]

@@ -115,12 +115,22 @@ def baseline_files(system, output):
     return [output.format(**run) for run in plan.first_baselines(system)]
 
 
-def before_figures(system):
-    """Digest of the settings and code behind all the models of a system."""
-    return [
-        before("evaluate")(plan.runs(system=system)[0]),
-        *(before("baseline_table")(run) for run in plan.first_baselines(system)),
-    ]
+def models_of(output):
+    """An input function: one output for every seed of all that forecasts a system."""
+
+    def gather(wildcards):
+        makers = (
+            rules.evaluate,
+            rules.simple_predictors,
+            rules.ode_evaluate,
+            rules.baseline_evaluate,
+        )
+        models = zip(makers, plan.models_of(wildcards.system), strict=True)
+        return [
+            maker.output[output].format(**run) for maker, runs in models for run in runs
+        ]
+
+    return gather
 
 
 def before_push(wildcards):

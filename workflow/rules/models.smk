@@ -1,15 +1,7 @@
 rule horizon:
     input:
-        metrics=lambda wildcards: [
-            rules.evaluate.output.metrics.format(**plan.runs(**wildcards)[0])
-        ],
-        baselines=lambda wildcards: baseline_files(
-            wildcards.system, rules.baseline_evaluate.output.metrics
-        ),
-        records=lambda wildcards: [
-            rules.evaluate.output.record.format(**plan.runs(**wildcards)[0]),
-            *baseline_files(wildcards.system, rules.baseline_evaluate.output.record),
-        ],
+        metrics=models_of("metrics"),
+        records=models_of("record"),
     output:
         pdf="results/figures/horizon_{system}.pdf",
         png=report(
@@ -29,9 +21,16 @@ rule horizon:
         mem_mb=1500,
         runtime=10,
     params:
-        names=lambda wildcards: ["LaGSplat", *plan.name_baselines(wildcards.system)],
         title=lambda wildcards: f"Image error over time · {plan.describe_models(wildcards.system)}",
-        before=lambda wildcards: before_figures(wildcards.system),
+        before=lambda wildcards: [
+            before(stage)(run)
+            for stage, runs in zip(
+                ("evaluate", "simple_table", "peer_table", "baseline_table"),
+                plan.models_of(wildcards.system),
+                strict=True,
+            )
+            for run in runs
+        ],
         code=script_digest(SCRIPTS / "report/horizon.py"),
     message:
         "Draw the image error of every model of {wildcards.system} over time"
@@ -81,7 +80,13 @@ rule gallery:
         cfg=lambda wildcards: section("evaluate")(plan.runs(**wildcards)[0]),
         names=lambda wildcards: plan.name_baselines(wildcards.system),
         title=lambda wildcards: plan.describe_models(wildcards.system),
-        before=lambda wildcards: before_figures(wildcards.system),
+        before=lambda wildcards: [
+            before("evaluate")(plan.runs(**wildcards)[0]),
+            *(
+                before("baseline_table")(run)
+                for run in plan.first_baselines(wildcards.system)
+            ),
+        ],
         code=script_digest(SCRIPTS / "report/gallery.py"),
     message:
         "Draw every model of {wildcards.system} from the same start"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lagsplat.report.common import style
@@ -13,46 +14,83 @@ from lagsplat.report.common.formatting import format_number, format_percent
 if TYPE_CHECKING:  # a curve is drawn without loading torch
     from lagsplat.chart.chart import Chart
 
-COLOURS = (style.PREDICTED, *style.INPUTS[:4], style.INPUTS[5])
+COLOURS = (style.PREDICTED, style.INPUTS[0], style.INPUTS[2], style.INPUTS[3], style.INPUTS[5], style.ENCODED)
+MIXED_STARTS = "the models were started at different frames; evaluate all with the same settings"
+ErrorOverTime = tuple[str, Mapping[str, Any]]
 N_BINS = 700
 CLOSE_UP_S = 10.0
 CLOSE_UP_SHARE = 0.4  # of the recording, at most
 THIN_SPACE = "\N{NARROW NO-BREAK SPACE}"
 
 
-def draw_horizon(models: Sequence[tuple[str, Mapping[str, Any]]], *, title: str) -> Figure:
-    """Draw the median error of each model over time, with the band of the central two thirds of the starts.
+def join_seeds(seeds: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Errors of one model over time, of all its seeds: medians of the medians, and a band around every band.
 
-    ``models`` are names with the results of `lagsplat.evaluate.forecast.error_over_horizon`, all from the
-    same starts. The grey lines are what holding the first frame and the mean frame would give.
+    ``seeds`` are results of `lagsplat.evaluate.forecast.error_over_horizon` from the same starts. Those
+    without rollouts are left out, unless none has any.
+
+    Raises:
+        ValueError: the seeds began at different frames.
+    """
+    drawn = [errors for errors in seeds if "reason" not in errors]
+    if not drawn:
+        return seeds[0]
+    if len({str(errors["starts"]) for errors in drawn}) > 1:
+        raise ValueError(MIXED_STARTS)
+    rows = {key: np.array([errors[key] for errors in drawn]) for key in ("median", "low", "high")}
+    band = {"low": rows["low"].min(axis=0).tolist(), "high": rows["high"].max(axis=0).tolist()}
+    return {**drawn[0], "median": np.median(rows["median"], axis=0).tolist(), **band, "seeds": len(drawn)}
+
+
+def draw_horizon(ours: ErrorOverTime, peers: Mapping[str, Sequence[ErrorOverTime]], *, title: str) -> Figure:
+    """Draw the median error of every model over time, a panel for each group of peers with ours in it.
+
+    Each model is its name with the result of `lagsplat.evaluate.forecast.error_over_horizon`, all from the
+    same starts, or of `join_seeds`. The band is of ours, the central two thirds of the starts of every seed;
+    grey lines are what holding the first frame and the mean frame would give.
 
     Raises:
         ValueError: no model has such rollouts, or they began at different frames.
     """
-    drawn = [(name, errors) for name, errors in models if "reason" not in errors]
-    if not drawn:
-        reason = next((errors["reason"] for _, errors in models), "no model was given")
-        raise ValueError(f"nothing to draw: {reason}")
-    if len({str(errors["starts"]) for _, errors in drawn}) > 1:
-        raise ValueError("the models were started at different frames; evaluate all with the same settings")
+    groups = {
+        name: [model for model in (ours, *models) if "reason" not in model[1]]
+        for name, models in peers.items()
+    }
+    groups = {name: models for name, models in groups.items() if models}
+    if not groups:
+        raise ValueError(f"nothing to draw: {ours[1].get('reason', 'no group of models was given')}")
+    if len({str(errors["starts"]) for models in groups.values() for _, errors in models}) > 1:
+        raise ValueError(MIXED_STARTS)
     with style.paper_style():
-        _, any_model = drawn[0]
-        band = f"median over {len(any_model['starts'])} starts; band: the central two thirds of them"
-        figure = style.new_figure(style.PAGE_IN, 2.9, title=f"{title}\n{band}")
-        axis = figure.subplots()
-        for index, ((name, errors), colour) in enumerate(zip(drawn, COLOURS, strict=False)):
-            time_s, low, high = errors["time_s"], errors["low"], errors["high"]
-            axis.fill_between(time_s, low, high, color=colour, alpha=0.15, linewidth=0)
-            dashes = style.INPUT_DASHES[index % len(style.INPUT_DASHES)]
-            axis.plot(time_s, errors["median"], color=colour, linestyle=dashes, label=name)
-        for key, line, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
-            axis.plot(any_model["time_s"], any_model[key], color=style.QUIET, linestyle=line, label=label)
-        axis.set(yscale="log", xlabel="time since the start (s)")
-        axis.set_ylabel("mean squared image error (colour, 0 to 1)")
-        axis.set_xlim(0.0, any_model["time_s"][-1])
-        style.label_decades(axis.yaxis)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=2.6)
+        errors = next(iter(groups.values()))[0][1]
+        over = f"{len(errors['starts'])} starts" + (
+            ", then over seeds (their number in brackets)" if "seeds" in errors else ""
+        )
+        band = f"medians over {over}; band: central two thirds of the starts of every seed, {ours[0]}"
+        figure = style.new_figure(style.PAGE_IN, 3.6, title=f"{title}\n{band}")
+        axes = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
+        for axis, (group, models) in zip(axes, groups.items(), strict=True):
+            _draw_errors(axis, models)
+            axis.set_title(group)
+            axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, handlelength=2.6)
+        axes[0].set_ylabel("mean squared image error (colour, 0 to 1)")
     return figure
+
+
+def _draw_errors(axis: Axes, models: Sequence[ErrorOverTime]) -> None:
+    _, errors = models[0]
+    axis.fill_between(
+        errors["time_s"], errors["low"], errors["high"], color=COLOURS[0], alpha=0.2, linewidth=0
+    )
+    for index, ((name, found), colour) in enumerate(zip(models, COLOURS, strict=False)):
+        dashes = style.INPUT_DASHES[index % len(style.INPUT_DASHES)]
+        label = f"{name} ({found['seeds']})" if "seeds" in found else name
+        axis.plot(found["time_s"], found["median"], color=colour, linestyle=dashes, label=label)
+    axis.lines[0].set(linewidth=1.6, zorder=3)
+    for key, line, label in (("hold", "--", "first frame held"), ("mean_frame", ":", "mean frame")):
+        axis.plot(errors["time_s"], errors[key], color=style.QUIET, linestyle=line, label=label)
+    axis.set(yscale="log", xlabel="time since the start (s)", xlim=(0.0, errors["time_s"][-1]))
+    style.label_decades(axis.yaxis)
 
 
 VISIBILITY = "coordinates in the order of how much of the motion of the image each makes"

@@ -30,6 +30,7 @@ def test_the_benchmark_is_of_the_arms_and_their_peers() -> None:
     assert [model["ae"] for model in models] == [0, 1]
     odes = plan.ode_runs()
     assert {(run["ae"], run["seed"]) for run in odes} == {(0, 0), (1, 1)}
+    assert [len(runs) for runs in plan.models_of("krauss_2seg")] == [2, 2, len(odes), 8]
     assert {run["seed"] for run in plan.baseline_runs()} == {3, 4}
     first = plan.first_baselines("krauss_2seg")
     assert {run["seed"] for run in first} == {3}
