@@ -12,6 +12,8 @@ rule baseline:
         "results/{profile}/logs/{recording}/{system}/baselines/{baseline}-{seed}/baseline.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/baselines/{baseline}-{seed}/baseline.tsv"
+    # The slowest first, so that none of them is left to one core at the end.
+    priority: lambda wildcards: int("abcd" in wildcards.baseline)
     conda:
         "../envs/lagsplat.yaml"
     threads: 1

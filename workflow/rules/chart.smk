@@ -12,7 +12,7 @@ rule chart:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/chart.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/chart.tsv"
-    priority: 1  # before the models that it is compared with
+    priority: 2  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
     threads: 1

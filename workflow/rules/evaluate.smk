@@ -23,7 +23,7 @@ rule evaluate:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/evaluate.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/evaluate.tsv"
-    priority: 1  # before the models that it is compared with
+    priority: 2  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
     threads: 1

@@ -19,7 +19,7 @@ rule stage1:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/stage1.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/stage1.tsv"
-    priority: 1  # before the models that it is compared with
+    priority: 2  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
     threads: lambda wildcards: plan.count_stage1_threads(wildcards, workflow.cores)

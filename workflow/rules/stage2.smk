@@ -15,7 +15,7 @@ rule stage2:
         "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/stage2.log",
     benchmark:
         "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/{stage2}-{seed}/stage2.tsv"
-    priority: 1  # before the models that it is compared with
+    priority: 2  # before the models that it is compared with
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
