@@ -3,7 +3,7 @@
 Usage: ``python -m benchmarks.published [FOLDER ...]``, or all folders of ``published.yaml``. The workflow
 runs in ``build/published``, so a call that was stopped goes on, and the minutes of all calls are counted.
 Uncommitted changes are refused: the manifest names the commit. Figures are reduced to `WIDEST` pixels and
-`COLOURS`. The tables of the pages follow at the end.
+written as WebP. The tables of the pages follow at the end.
 """
 
 import json
@@ -32,7 +32,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PLAN = Path(__file__).with_name("published.yaml")
 MANIFEST = PUBLISHED / "manifest.json"
 WORK = ROOT / "build" / "published"
-WIDEST, COLOURS = 1000, 64  # of a figure [pixel], so that all files stay below 3 MB
+WIDEST, QUALITY = 1400, 80  # of a figure [pixel; WebP's scale], so that all files stay below 3 MB
+FIGURE = ".webp"
 TICK_S = 10.0  # between two records of the time taken, of which a killed call loses the last
 
 
@@ -93,10 +94,13 @@ def make_folder(name: str, folder: dict[str, Any]) -> dict[str, Any]:
     for key, made in files.items():
         out = into / key
         if "command" in made:
-            told = made["command"].format(run=work / "results", out=out, published=PUBLISHED)
+            source = WORK / f"{name}-{out.stem}.png" if out.suffix == FIGURE else out
+            told = made["command"].format(run=work / "results", out=source, published=PUBLISHED)
             words = [sys.executable if word == "python" else word for word in shlex.split(told)]
             run_timed(words, clock)
-        take_file(out if "command" in made else work / made["needs"], out)
+        else:
+            source = work / made["needs"]
+        take_file(source, out)
         entry[key] = {"made_by": made.get("command") or made["needs"], "sha256": sha256_of(out)}
     return {
         "commit": commit,
@@ -155,15 +159,14 @@ def _environment() -> dict[str, str]:
 
 
 def take_file(made: Path, out: Path) -> None:
-    """Copy a file, a figure reduced; what is there already is only reduced."""
-    if made.suffix != ".png":
-        if made != out:
-            shutil.copy(made, out)
-        return
-    with Image.open(made) as figure:
-        picture = figure.convert("RGB")
-        picture.thumbnail((WIDEST, 4 * WIDEST))
-        picture.quantize(COLOURS).save(out, optimize=True)
+    """Copy a file unless it is in place; a figure is reduced and written as WebP."""
+    if out.suffix == FIGURE:
+        with Image.open(made) as figure:
+            picture = figure.convert("RGB")
+            picture.thumbnail((WIDEST, 4 * WIDEST))
+            picture.save(out, quality=QUALITY, method=6)
+    elif made != out:
+        shutil.copy(made, out)
 
 
 def main(*names: str) -> None:

@@ -51,9 +51,10 @@ def test_recordings_that_are_not_there_leave_a_folder_as_it_is(monkeypatch, caps
 def test_a_figure_is_reduced_and_another_file_is_not(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     Image.fromarray(rng.integers(0, 255, (300, 2000, 3), dtype=np.uint8)).save(tmp_path / "wide.png")
-    published.take_file(tmp_path / "wide.png", tmp_path / "out.png")
-    with Image.open(tmp_path / "out.png") as figure:
-        assert figure.size == (published.WIDEST, 150)
+    published.take_file(tmp_path / "wide.png", tmp_path / "out.webp")
+    with Image.open(tmp_path / "out.webp") as figure:
+        assert figure.size == (published.WIDEST, 210)
+        assert figure.format == "WEBP"
     (tmp_path / "table.csv").write_text("a\n0.1\n")
     published.take_file(tmp_path / "table.csv", tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "a\n0.1\n"
