@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.config.compose import compose
+from lagsplat.stage2.equilibrium import linearize_modes
 from lagsplat.stage2.fit import fit_dynamics
-from lagsplat.stage2.lagrangian import linearize_modes
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import draw_modes, measure_intervals
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float64
 
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.modes import Mode, fit_modes
 from lagsplat.evaluate.protocol import HeldOut, Integrate, has_diverged, initial_states, squared_norm
 from lagsplat.evaluate.spectrum import Peak, find_spectral_peak, resample_evenly
-from lagsplat.stage2.lagrangian import Lagrangian, linearize_modes
+from lagsplat.stage2.equilibrium import NoEquilibriumError, linearize_modes
+from lagsplat.stage2.lagrangian import Lagrangian
 
 LEAST_WINDOW = 16  # fewest frames of a window
 RESOLVED = 0.1  # largest uncertainty of a frequency that is compared, over the frequency
@@ -181,9 +181,12 @@ def compare_decay(windows: Sequence[FreeWindow], reason: str) -> dict[str, Any]:
 def compute_linear_modes(lagrangian: Lagrangian) -> list[dict[str, float]]:
     """Modes of the learned law linearised about its equilibrium without inputs, slowest first.
 
-    An overdamped direction appears as two entries of frequency 0.
+    An overdamped direction appears as two entries of frequency 0. A law without an equilibrium has none.
     """
-    modes = linearize_modes(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64))
+    try:
+        modes = linearize_modes(lagrangian)
+    except NoEquilibriumError:
+        return []
     return [
         {"frequency_hz": frequency_hz, "rate_per_s": rate_per_s}
         for frequency_hz, rate_per_s in zip(modes.frequency_hz, modes.decay_per_s, strict=True)

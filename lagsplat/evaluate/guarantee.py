@@ -12,7 +12,8 @@ from lagsplat.chart.chart import Chart
 from lagsplat.chart.trajectory import TimeBase
 from lagsplat.evaluate.config import GuaranteeConfig
 from lagsplat.evaluate.protocol import STENCILS
-from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
+from lagsplat.stage2.equilibrium import NoEquilibriumError, find_equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 from lagsplat.stage2.rollout import split_inputs
 
@@ -28,7 +29,11 @@ def measure_guarantee(lagrangian: Lagrangian, chart: Chart, config: GuaranteeCon
     if lagrangian.form.mass == "induced":
         return {"reason": "a decoder-induced mass has no closed form to roll out for so long"}
     reach = float(np.linalg.norm(chart.latents - chart.rest, axis=1).max())
-    return {"reason": "", **summarize_guarantees(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)}
+    try:
+        found = summarize_guarantees(lagrangian, reach=reach, dt_s=chart.dt_s, config=config)
+    except NoEquilibriumError:
+        return {"reason": "the law has no equilibrium"}
+    return {"reason": "", **found}
 
 
 def summarize_guarantees(
@@ -46,13 +51,16 @@ def summarize_guarantees(
         lagrangian, config: the trained law, and the starts, forces and tolerances.
         reach, dt_s: length of the longest encoded state, and longest step [s].
 
+    Raises:
+        NoEquilibriumError: the law has none without inputs.
+
     Source: paper, Appendix "Bounded forced response".
     """
     law = NumpyLagrangian(lagrangian)
     # The workflow divides a long step into equal pieces; here a step is one step of the scheme.
     dt_s = dt_s / split_inputs(dt_s / law.unit_s, law.longest_step)
     law.longest_step = np.inf
-    rest = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    rest = find_equilibrium(lagrangian).numpy()
     rng = np.random.default_rng(0)
     sides = _sides(rng, config.starts, lagrangian.d)
     start = rest + config.far * reach * sides

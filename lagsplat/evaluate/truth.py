@@ -12,8 +12,14 @@ from scipy.optimize import linear_sum_assignment
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
 from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.stage2.equilibrium import (
+    LinearizedModes,
+    NoEquilibriumError,
+    find_equilibrium,
+    linearize_modes,
+)
 from lagsplat.stage2.fit import RARE_REST, measure_rest_distance
-from lagsplat.stage2.lagrangian import Lagrangian, LinearizedModes, find_equilibrium, linearize_modes
+from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import STEP, TAILS, draw_modes, measure_intervals
 from lagsplat.systems.truth import Truth
@@ -109,7 +115,10 @@ def _law_rows(
     title: str,
 ) -> list[dict[str, Any]]:
     """Modes of the law under a constant input beside the true eigenvalues, with intervals from drawn laws."""
-    modes = linearize_modes(lagrangian, torch.from_numpy(held))
+    try:
+        modes = linearize_modes(lagrangian, torch.from_numpy(held))
+    except NoEquilibriumError:
+        modes = LinearizedModes([], [], [])
     intervals = measure_intervals(modes, spread)
     turning = [
         {"frequency_hz": f, "rate_per_s": rate, "at": float(i)}
@@ -185,7 +194,11 @@ def _equilibrium_rows(
     to_states = fit_polynomial(smooth[known], truth.states[known])
     motion = truth.states.std(axis=0)
     missed = np.sqrt(np.mean((to_states(smooth[unseen]) - truth.states[unseen]) ** 2, axis=0))
-    latent = find_equilibrium(lagrangian, torch.zeros(lagrangian.n_inputs, dtype=torch.float64)).numpy()
+    try:
+        latent = find_equilibrium(lagrangian).numpy()
+    except NoEquilibriumError:
+        names = enumerate(truth.coordinates)
+        return [_row(f"equilibrium, {name}", None, float(truth.rest[i])) for i, name in names]
     learned = to_states(latent[None])[0]
     errors, residuals = np.abs(learned - truth.rest) / motion, missed / motion
     rows = []

@@ -9,11 +9,12 @@ from jaxtyping import Float, Float64
 from scipy.special import gammaincinv
 from torch import Tensor
 
-from lagsplat.forces.equilibrium import compute_static_stiffness, settle
+from lagsplat.forces.loaded_lagrangian import find_loaded_equilibria
 from lagsplat.forces.loads import Load, PointLoad, ScaledLoad
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.matter.body_motion import BodyMotion, list_deviated
 from lagsplat.matter.field import MaterialPoints
+from lagsplat.stage2.equilibrium import compute_static_stiffness, find_equilibrium
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import STEP
 
@@ -56,10 +57,10 @@ def measure_answer_spread(
         points: one for each row.
         reference: a push of one row.
     """
-    rest, poked, loaded = (_settle(held, each, held.rest) for each in (None, reference, load))
+    rest, poked, loaded = (_find_equilibria(held, each, held.rest) for each in (None, reference, load))
     best = _displace(reference.points, poked, rest)[0]
     stronger = ScaledLoad(reference, 1.0 + NUDGE)
-    nudged = _displace(reference.points, _settle(held, stronger, poked), rest)[0]
+    nudged = _displace(reference.points, _find_equilibria(held, stronger, poked), rest)[0]
 
     def find_excess(displacement: Float[Tensor, " n"]) -> float:
         """How much further than the most likely law's the pushed point went, along its way [share]."""
@@ -70,10 +71,10 @@ def measure_answer_spread(
 
     def measure(bodies: tuple[BodyMotion, ...]) -> Float[Tensor, "B n"]:
         # equilibria of a law so near start from those of the most likely one, whose branch they are on
-        own, poke = _settle(held, None, rest), reference.moved_by(bodies)
-        moved = _displace(poke.points, _settle(held, poke, poked), own)[0]
+        own, poke = _find_equilibria(held, None, rest), reference.moved_by(bodies)
+        moved = _displace(poke.points, _find_equilibria(held, poke, poked), own)[0]
         scaled = ScaledLoad(load.moved_by(bodies), 1.0 - find_excess(moved) / slope)
-        return _displace(points.moved_by(bodies), _settle(held, scaled, loaded), own) - ways
+        return _displace(points.moved_by(bodies), _find_equilibria(held, scaled, loaded), own) - ways
 
     over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))
     if over_laws is None:
@@ -97,8 +98,8 @@ def measure_stiffness_spread(
     """
 
     def compute() -> Float[Tensor, "d d"]:
-        rest = settle(held.law, held.u[None], start=held.rest)
-        return compute_static_stiffness(held.law, rest, held.u[None])[0]
+        rest = find_equilibrium(held.law, held.u, held.rest)
+        return compute_static_stiffness(held.law, rest[None], held.u[None])[0]
 
     usual = compute()
     changes = _measure_over_laws(held, draws, lambda: compute() - usual)
@@ -121,9 +122,10 @@ def _measure_over_laws(
     return torch.stack(changes) if len(changes) >= FEWEST else None
 
 
-def _settle(held: OperatingPoint, load: Load | None, start: Tensor) -> Float[Tensor, "B d"]:
+def _find_equilibria(held: OperatingPoint, load: Load | None, start: Tensor) -> Float[Tensor, "B d"]:
     """Equilibria under each row of a load, or at rest, under a law as it is now."""
-    return settle(held.law, held.u.expand(1 if load is None else len(load), -1), load, start=start)
+    inputs = held.u.expand(1 if load is None else len(load), -1)
+    return find_loaded_equilibria(held.law, inputs, load, start=start)
 
 
 def _displace(

@@ -7,9 +7,10 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from lagsplat.array_types import Inputs, Latents, Spd, Vector
+from lagsplat.array_types import Inputs, Latent, Latents, Spd, Vector
 from lagsplat.forces.loads import ConstantLoad, Load, make_no_load
 from lagsplat.stage2.decoder_mass import InducedMass
+from lagsplat.stage2.equilibrium import find_equilibria
 from lagsplat.stage2.lagrangian import UNTOUCHED, Lagrangian, LawEdits, PreparedCoefficients
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from lagsplat.stage2.rollout import advance
@@ -59,6 +60,23 @@ class LoadedLagrangian(Lagrangian):
         ready = ready or self.prepare()
         force = self.conservative_force(q, u, ready) - self.edits.damping * self.resist(q, v)
         return self.accelerate(q, v, force / self.edits.inertia)
+
+
+def find_loaded_equilibria(
+    law: Lagrangian,
+    u: Inputs,
+    load: Load | None = None,
+    *,
+    edits: LawEdits = UNTOUCHED,
+    start: Latent | Latents | None = None,
+) -> Latents:
+    """Find the equilibria (B, d) of a law with edits under inputs ``u`` and a ``load``, one per row.
+
+    The work of a load is at most linear far away, where the quadratic floor of ``V`` outgrows it. ``start``
+    and errors are as of `lagsplat.stage2.equilibrium.find_equilibria`.
+    """
+    load = make_no_load(law.d) if load is None else load
+    return find_equilibria(LoadedLagrangian(law, load, edits=edits), u, start)
 
 
 @torch.no_grad()

@@ -12,14 +12,14 @@ from torch import Tensor
 
 from lagsplat.array_types import Latent, Latents
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.grasp import GraspPoint, Place, Point, grasp_brush
-from lagsplat.forces.loaded_lagrangian import rollout_under_force
+from lagsplat.forces.loaded_lagrangian import find_loaded_equilibria, rollout_under_force
 from lagsplat.forces.loads import Load, PointLoad, make_no_load
 from lagsplat.forces.moving_parts import MovingParts, find_moving_parts
 from lagsplat.matter.field import MaterialPoints, MatterField
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage2.equilibrium import find_equilibrium
 from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.views.camera import project_by_lens
 
@@ -72,7 +72,7 @@ class OperatingPoint:
 
     def equilibria(self, load: Load) -> Latents:
         """Find the equilibria under a load, one per row."""
-        return settle(self.law, self.u.expand(len(load), -1), load, start=self.rest)
+        return find_loaded_equilibria(self.law, self.u.expand(len(load), -1), load, start=self.rest)
 
     def render_images(
         self, q: Latents, *, scale: int = 1, view: View | None = None
@@ -173,9 +173,13 @@ def hold_at_load(
     matter: MatterField,
     u: Float64[np.ndarray, " n_u"] | None = None,
 ) -> OperatingPoint:
-    """Hold a run at rest under constant inputs ``u``, by default the mean of the training inputs."""
+    """Hold a run at rest under constant inputs ``u``, by default the mean of the training inputs.
+
+    Raises:
+        NoEquilibriumError: none was found.
+    """
     inputs = torch.from_numpy(chart.train.inputs.mean(0) if u is None else u)
-    rest = settle(law, inputs[None])[0]
+    rest = find_equilibrium(law, inputs)
     away = np.linalg.norm(chart.train.latents - rest.numpy(), axis=1)
     reach = float(np.quantile(away, VISITED))
     return OperatingPoint(autoencoder, chart, law, matter, inputs, rest, reach)

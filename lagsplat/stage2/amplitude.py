@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Float64
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.stage2.lagrangian import Lagrangian, find_equilibrium
+from lagsplat.stage2.equilibrium import NoEquilibriumError, find_equilibrium
+from lagsplat.stage2.lagrangian import Lagrangian
 from lagsplat.stage2.rollout import rollout
 
 PERIODS = 6  # of a rollout, over which a frequency is measured
@@ -26,7 +27,8 @@ def measure_quietest_frequency(
         period_frames: Length of a swing.
 
     Returns:
-        None for several coordinates, inputs that change, clips shorter than a swing, or a law that creeps.
+        None for several coordinates, inputs that change, clips shorter than a swing, or a law that creeps
+        or has no equilibrium.
     """
     inputs = trajectory.inputs
     if law.d != 1 or (inputs.size and np.ptp(inputs, axis=0).max() > 0.0):
@@ -40,7 +42,10 @@ def measure_quietest_frequency(
         return None
     quietest = min(swings, key=lambda swing: float(np.ptp(swing)))
     u = torch.from_numpy(inputs[:1])
-    rest = find_equilibrium(law, u[0])
+    try:
+        rest = find_equilibrium(law, u[0])
+    except NoEquilibriumError:
+        return None
     away = torch.from_numpy(quietest) - rest
     start = rest + away[away.abs().argmax()]
     n = PERIODS * period_frames

@@ -28,16 +28,16 @@ from lagsplat.stage2 import objective
 from lagsplat.stage2.amplitude import measure_quietest_frequency
 from lagsplat.stage2.config import FormConfig, Stage2Config
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
+from lagsplat.stage2.equilibrium import (
+    LinearizedModes,
+    NoEquilibriumError,
+    linearize_modes,
+    list_stable_equilibria,
+    move_rest_to_equilibrium,
+)
 from lagsplat.stage2.finished_fits import Recall, Result, solve_anew
 from lagsplat.stage2.input_stiffness import InputRange, InputStiffness, measure_input_range
-from lagsplat.stage2.lagrangian import (
-    Coefficients,
-    Floors,
-    Lagrangian,
-    LinearizedModes,
-    find_equilibria,
-    linearize_modes,
-)
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian
 from lagsplat.stage2.likelihood.fitted_law import FittedLaw
 from lagsplat.stage2.likelihood.likelihood_fit import LikelihoodFit
 from lagsplat.stage2.likelihood.network_fit import fit_networks, linearize_law, project_law
@@ -85,8 +85,9 @@ class FitReport:
     time_unit_s: float = 0.0
     n_parameters: int = 0
     wall_s: float = 0.0
-    at_rest: LinearizedModes | None = None
-    under_mean_input: LinearizedModes | None = None
+    at_rest: LinearizedModes | None = None  # of a law that has an equilibrium without inputs
+    under_mean_input: LinearizedModes | None = None  # the same
+    unsettled: str = ""  # why a polynomial law has no equilibrium without inputs, where it has none
     equilibria: int | None = None  # of a polynomial law, most under the mean and the extreme inputs
     rest_beyond: float | None = None  # share of the training states nearer to their mean than its rest state
     quietest_hz: float | None = None  # frequency of the law at the smallest amplitude of a free recording
@@ -104,6 +105,11 @@ class FitReport:
             )
         if self.equilibria is None:
             return found
+        if self.unsettled:
+            found.append(
+                f"the law has no rest state without inputs, and no modes there: {self.unsettled}. Record "
+                "motion about rest, or lower stage2.form.potential_degree"
+            )
         if self.equilibria != 1:
             found.append(
                 f"the law has {self.equilibria} stable equilibria under an extreme input of the recording: "
@@ -180,8 +186,10 @@ def fit_dynamics(
     report.rejected = best.rejected
     report.n_parameters = sum(p.numel() for p in lagrangian.parameters() if p.requires_grad)
     mean_input = torch.from_numpy(trajectory.inputs.mean(0))
-    report.at_rest = linearize_modes(lagrangian, torch.zeros_like(mean_input))
-    report.under_mean_input = linearize_modes(lagrangian, mean_input)
+    with suppress(NoEquilibriumError):
+        report.at_rest = linearize_modes(lagrangian)
+    with suppress(NoEquilibriumError):
+        report.under_mean_input = linearize_modes(lagrangian, mean_input)
     report.wall_s = time.perf_counter() - fit.started_s
     return lagrangian, report
 
@@ -398,16 +406,21 @@ class DynamicsFit:
         self.most_likely = chosen = self.likelihood.maximize(start)
         report.scores |= {"start": start.errors.score, "likelihood": chosen.errors.score}
         self.lagrangian = lagrangian = chosen.law
-        lagrangian.settle()
+        try:
+            move_rest_to_equilibrium(lagrangian)
+        except NoEquilibriumError as error:
+            report.unsettled = str(error)
         if self.config.form.terms == "networks":
             return
         with suppress(np.linalg.LinAlgError, ValueError):  # what nothing determines gets no interval
             report.draws = self.likelihood.draw_laws(chosen)
-        report.rest_beyond = measure_rest_distance(lagrangian, trajectory)
+        if not report.unsettled:
+            report.rest_beyond = measure_rest_distance(lagrangian, trajectory)
         report.quietest_hz = measure_quietest_frequency(
             lagrangian, trajectory, period_frames=chosen.period_frames
         )
-        report.equilibria = max(map(len, find_equilibria(lagrangian, list_extreme_inputs(trajectory.inputs))))
+        inputs = list_extreme_inputs(trajectory.inputs)
+        report.equilibria = max(map(len, list_stable_equilibria(lagrangian, inputs)))
 
     def fit_networks(self, rest: Tensor, geometry: DecoderGeometry | None) -> None:
         """Let networks take over the most likely law, and maximise their likelihood.

@@ -1,18 +1,15 @@
-"""The latent Lagrangian: mass, damping, potential and actuation, its acceleration and its linear modes."""
+"""The latent Lagrangian: mass, damping, potential and actuation, and its acceleration."""
 
 import copy
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.optimize import minimize
 from torch import Tensor, nn
-from torch.autograd.functional import jacobian
 
 from lagsplat.array_types import Inputs, Latents, Spd
-from lagsplat.monomials import ROOM, Ball, draw_states, enclose_states, make_wide_ball
+from lagsplat.monomials import Ball, enclose_states, make_wide_ball
 from lagsplat.stage2.config import FormConfig
 from lagsplat.stage2.decoder_mass import DecoderGeometry, InducedMass
 from lagsplat.stage2.input_stiffness import InputStiffness, InputStiffnessPrior, stiffen
@@ -26,18 +23,9 @@ from lagsplat.stage2.networks import (
     pull_back,
     push_forward,
 )
-from lagsplat.stage2.polynomials import (
-    LONGEST_NEWTON_STEP,
-    PolynomialEnergy,
-    PolynomialField,
-    PolynomialFrame,
-    PolynomialMap,
-)
+from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField, PolynomialFrame, PolynomialMap
 
 WIDE = 4.0  # radius of the ball of polynomials where no data are given [whitened units]
-EQUILIBRIUM_STARTS = 64  # of the search for equilibria, spread over the ball and the room around it
-EQUILIBRIUM_STEPS = 60  # of it
-SAME_EQUILIBRIUM = 1e-2  # [whitened units]
 
 
 @dataclass(frozen=True)
@@ -95,7 +83,7 @@ class Lagrangian(nn.Module):
 
     With ``form.terms='polynomial'`` potential and volumes are a `PolynomialEnergy` of the coordinates ``x
     = g(q)`` of a `PolynomialMap`, as are the mass and the damping. Energy still never rises and motion is
-    bounded; equilibria are not one by construction, but counted (`find_equilibria`).
+    bounded; equilibria are not one by construction, but counted (`list_stable_equilibria`).
 
     Args:
         start: constant matrices to start from.
@@ -203,11 +191,6 @@ class Lagrangian(nn.Module):
         self.energy.set_quadratic(start.stiffness, start.rest, start.pressure_map)
         for parameter in (self.stiffness_factor, self.pressure_map, self.rest):
             parameter.requires_grad_(False)  # `rest` follows from the polynomials
-
-    def settle(self) -> None:
-        """Set the rest state of a polynomial law to its equilibrium without inputs."""
-        with torch.no_grad():
-            self.rest.copy_(find_equilibrium(self, torch.zeros(self.n_inputs, dtype=torch.float64)))
 
     def move_ball(self, latents: Latents) -> None:
         """Let the polynomials in the coordinates of the law be free where the map takes ``latents`` to."""
@@ -375,96 +358,6 @@ def _make_matrix(
     if kind == "constant":
         return ConstantMatrix(start, floor=floor)
     return MatrixField(start, floor=floor, width=form.matrix_width, generator=generator)
-
-
-@dataclass(frozen=True)
-class LinearizedModes:
-    """Modes of small motions about an equilibrium, one per eigenvalue of non-negative frequency."""
-
-    equilibrium: list[float]
-    frequency_hz: list[float]
-    decay_per_s: list[float]
-
-
-def find_equilibrium(
-    lagrangian: Lagrangian, u: Float[Tensor, " n_u"], near: Float[Tensor, " d"] | None = None
-) -> Float[Tensor, " d"]:
-    """Find the equilibrium under a constant input, a minimum of ``V - u.nu``.
-
-    Args:
-        lagrangian: the law.
-        u: the input of each channel, in the units of the recording.
-        near: state from which the search goes downhill [whitened units]; by default the law's rest state.
-    """
-
-    def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        q = torch.from_numpy(flat)[None]
-        with torch.no_grad():
-            value = lagrangian.potential(q)[0] - (lagrangian.volume(q, u[None])[0] * u).sum()
-            slope = -lagrangian.conservative_force(q, u[None], lagrangian.prepare())[0]
-        return float(value), slope.numpy()
-
-    first = (lagrangian.rest.detach() if near is None else near).numpy()
-    optimum = minimize(energy_and_slope, first, jac=True, method="BFGS", options={"gtol": 1e-9})
-    return torch.from_numpy(optimum.x)
-
-
-@torch.no_grad()
-def find_equilibria(lagrangian: Lagrangian, inputs: Float[Tensor, "B n_u"]) -> list[Float[Tensor, "n d"]]:
-    """Find the stable equilibria of a polynomial law under each of some constant inputs.
-
-    Newton steps of bounded length, uphill directions turned, from starts spread over the ball in which the
-    polynomials are free. A narrow basin between the starts can be missed.
-
-    Args:
-        lagrangian: a law with ``form.terms='polynomial'``.
-        inputs: one row for each search.
-    """
-    energy, coordinates = lagrangian.energy, lagrangian.coordinates
-    assert energy is not None
-    assert coordinates is not None
-    q = draw_states(energy.ball, EQUILIBRIUM_STARTS, reach=1.0 + ROOM, seed=0).repeat(len(inputs), 1)
-    u = inputs.repeat_interleave(EQUILIBRIUM_STARTS, 0)
-    for _ in range(EQUILIBRIUM_STEPS):
-        slope, stiffness = energy.differentiate(q, u)
-        values, vectors = torch.linalg.eigh(stiffness)
-        along = (vectors.mT @ slope[:, :, None])[:, :, 0] / values.abs().clamp(min=1e-6)
-        step = (vectors @ along[:, :, None])[:, :, 0]
-        q = q - step * (LONGEST_NEWTON_STEP / step.norm(dim=1, keepdim=True).clamp(min=LONGEST_NEWTON_STEP))
-    settled = (step.norm(dim=1) < 0.1 * SAME_EQUILIBRIUM) & (values[:, 0] > 0.0)
-    found = []
-    for rows, ends in zip(q.split(EQUILIBRIUM_STARTS), settled.split(EQUILIBRIUM_STARTS), strict=True):
-        distinct: list[Tensor] = []
-        for row in rows[ends]:
-            if all(float((row - other).norm()) > SAME_EQUILIBRIUM for other in distinct):
-                distinct.append(row)
-        found.append(coordinates.invert(torch.stack(distinct)) if distinct else rows[:0])
-    return found
-
-
-def linearize_modes(
-    lagrangian: Lagrangian, u: Float[Tensor, " n_u"], near: Float[Tensor, " d"] | None = None
-) -> LinearizedModes:
-    """Linearise the motion at the equilibrium under ``u``, as of `find_equilibrium`, and compute its modes.
-
-    Solves ``(M s^2 + C s + K) x = 0`` with ``K`` the Hessian of the loaded potential. An over-damped pair
-    gives two modes of zero frequency.
-    """
-    q = find_equilibrium(lagrangian, u, near)
-    ready = lagrangian.prepare()
-    force = jacobian(lambda x: lagrangian.conservative_force(x[None], u[None], ready)[0], q)
-    with torch.no_grad():
-        mass, damping = lagrangian.mass(q[None])[0], lagrangian.damping(q[None])[0]
-    d = q.shape[0]
-    top = torch.cat([torch.zeros(d, d, dtype=q.dtype), torch.eye(d, dtype=q.dtype)], 1)
-    bottom = torch.linalg.solve(mass, torch.cat([force, -damping], 1))
-    roots = torch.linalg.eigvals(torch.cat([top, bottom])).detach().numpy() / float(lagrangian.time_unit_s)
-    roots = sorted((r for r in roots if r.imag >= 0.0), key=lambda r: (r.imag, -r.real))
-    return LinearizedModes(
-        equilibrium=[float(x) for x in q],
-        frequency_hz=[float(r.imag / (2.0 * np.pi)) for r in roots],
-        decay_per_s=[float(-r.real) for r in roots],
-    )
 
 
 @dataclass(frozen=True)

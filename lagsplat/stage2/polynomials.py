@@ -35,7 +35,7 @@ class PolynomialEnergy(nn.Module):
     Quadratic ``V`` and linear ``nu`` are polynomials of the state, and what is of a higher degree of the
     clipped state. So far outside the data a spring prevails, and where that is stable
     (`measure_far_stiffness`) every motion is bounded under any input.
-    `lagsplat.stage2.lagrangian.find_equilibria` counts the equilibria inside.
+    `lagsplat.stage2.equilibrium.list_stable_equilibria` finds the equilibria inside.
 
     Args:
         d, n_inputs: coordinates and inputs.

@@ -10,15 +10,19 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from torch.autograd.functional import jacobian
 
-from lagsplat.forces.equilibrium import compute_loaded_energy, settle
 from lagsplat.forces.grasp import grasp_brush
-from lagsplat.forces.loaded_lagrangian import LoadedLagrangian, rollout_under_force
+from lagsplat.forces.loaded_lagrangian import (
+    LoadedLagrangian,
+    find_loaded_equilibria,
+    rollout_under_force,
+)
 from lagsplat.forces.loads import ConstantLoad, PointLoad, SummedLoad, make_no_load
 from lagsplat.matter.body_motion import make_body_at_rest
 from lagsplat.matter.field import MatterField
 from lagsplat.matter.film_registration import list_pixels
 from lagsplat.monomials import make_wide_ball
-from lagsplat.stage2.lagrangian import Lagrangian, LawEdits, find_equilibrium
+from lagsplat.stage2.equilibrium import NoEquilibriumError, compute_loaded_energy, find_equilibria
+from lagsplat.stage2.lagrangian import Lagrangian, LawEdits
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian
 
@@ -59,7 +63,7 @@ def draw_load(matter: MatterField, d: int) -> PointLoad:
 def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, size: float) -> None:
     law, _, u = problem(d, seed)
     load = ConstantLoad(size * torch.randn(5, d, dtype=torch.float64))
-    q = settle(law, u.expand(5, -1), load)
+    q = find_loaded_equilibria(law, u.expand(5, -1), load)
     loaded = LoadedLagrangian(law, load)
     with torch.no_grad():
         left = loaded.conservative_force(q, u.expand(5, -1), loaded.prepare())
@@ -75,9 +79,17 @@ def test_a_held_force_is_balanced_where_the_energy_is_least(seed: int, d: int, s
 @given(seed=seeds, d=dims)
 def test_without_a_force_it_is_the_rest_state_under_the_inputs(seed: int, d: int) -> None:
     law, _, u = problem(d, seed)
-    q = settle(law, u)
-    torch.testing.assert_close(q[0], find_equilibrium(law, u[0]), atol=1e-5, rtol=1e-5)
-    where = settle(law, u, start=q[0])
+    q = find_equilibria(law, u)
+
+    def energy_and_slope(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        at = torch.from_numpy(flat)[None]
+        with torch.no_grad():
+            slope = -law.conservative_force(at, u, law.prepare())[0]
+            return float(compute_loaded_energy(law, at, u)[0]), slope.numpy()
+
+    found = minimize(energy_and_slope, law.rest.detach().numpy(), jac=True, options={"gtol": 1e-9})
+    torch.testing.assert_close(q[0], torch.from_numpy(found.x), atol=1e-5, rtol=1e-5)
+    where = find_equilibria(law, u, q[0])
     torch.testing.assert_close(where, q, atol=1e-12, rtol=1e-12)
 
 
@@ -181,7 +193,7 @@ def test_the_answer_does_not_depend_on_the_chart(seed: int, d: int) -> None:
     turn = torch.linalg.qr(torch.randn(d, d, generator=generator, dtype=torch.float64))[0]
     force = 0.1 * torch.tensor([0.4, -0.7], dtype=torch.float64)  # weak: stronger ones leave a choice of rest
     grip = grasp_brush(matter, torch.zeros(d, dtype=torch.float64), (9.0, 4.0), radius=2.0)
-    q = settle(law, u, PointLoad(grip.points, force[None]))[0]
+    q = find_loaded_equilibria(law, u, PointLoad(grip.points, force[None]))[0]
 
     def psi(x: torch.Tensor) -> torch.Tensor:
         return (x + 0.1 * x**3) @ turn * 1.7 + 0.2
@@ -207,8 +219,8 @@ def test_a_force_that_is_not_finite_is_refused() -> None:
 
 def test_a_force_beyond_the_numbers_is_refused_and_a_huge_one_is_answered() -> None:
     law, _, u = problem(2, 0)
-    huge = settle(law, u, ConstantLoad(torch.full((1, 2), 1e8, dtype=torch.float64)))
+    huge = find_loaded_equilibria(law, u, ConstantLoad(torch.full((1, 2), 1e8, dtype=torch.float64)))
     assert bool(torch.isfinite(huge).all())
     assert float(huge.norm()) > 1e6
-    with pytest.raises(ValueError, match="lower the force"):
-        settle(law, u, ConstantLoad(torch.full((1, 2), 1e200, dtype=torch.float64)))
+    with pytest.raises(NoEquilibriumError, match="lower the force"):
+        find_loaded_equilibria(law, u, ConstantLoad(torch.full((1, 2), 1e200, dtype=torch.float64)))

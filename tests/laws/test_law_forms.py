@@ -8,15 +8,13 @@ import torch
 from torch.autograd.functional import jacobian
 
 from lagsplat.monomials import enclose_states
-from lagsplat.stage2.lagrangian import (
-    Coefficients,
-    Floors,
-    Lagrangian,
-    LawEdits,
-    find_equilibria,
+from lagsplat.stage2.equilibrium import (
     find_equilibrium,
     linearize_modes,
+    list_stable_equilibria,
+    move_rest_to_equilibrium,
 )
+from lagsplat.stage2.lagrangian import Coefficients, Floors, Lagrangian, LawEdits
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian
 from tests.stage2_problems import form, random_lagrangian
 
@@ -137,7 +135,7 @@ def double_well(stiffness: float = -1.0) -> Lagrangian:
 def test_both_wells_of_a_double_well_are_found_and_the_hill_is_not() -> None:
     law = double_well()
     tilt = torch.tensor([[0.0], [2.0]], dtype=torch.float64)
-    both, one = find_equilibria(law, tilt)
+    both, one = list_stable_equilibria(law, tilt)
     np.testing.assert_allclose(sorted(both[:, 0].tolist()), [-1.0, 1.0], atol=1e-6)
     # q^3 - q = 2 has one root
     (root,) = [r.real for r in np.roots([1.0, 0.0, -1.0, -2.0]) if abs(r.imag) < 1e-9]
@@ -150,7 +148,7 @@ def test_equilibria_are_found_from_where_one_is() -> None:
         found = find_equilibrium(law, none, torch.tensor([near], dtype=torch.float64))
         assert found.item() == pytest.approx(2.0 * near, abs=1e-6)
     law.rest.data.fill_(0.7)
-    law.settle()
+    move_rest_to_equilibrium(law)
     assert law.rest.item() == pytest.approx(1.0, abs=1e-6)
     assert law.potential(torch.ones(1, 1, dtype=torch.float64)).item() == pytest.approx(0.0, abs=1e-9)
     assert law.potential(torch.zeros(1, 1, dtype=torch.float64)).item() == pytest.approx(0.25, abs=1e-6)

@@ -27,7 +27,7 @@ from lagsplat.evaluate.guarantee import measure_energy, measure_guarantee
 from lagsplat.evaluate.latent_regression import fit_linear_law
 from lagsplat.evaluate.protocol import list_series
 from lagsplat.evaluate.spectrum import resample_evenly
-from lagsplat.stage2.lagrangian import find_equilibrium
+from lagsplat.stage2.equilibrium import NoEquilibriumError, find_equilibrium
 from lagsplat.stage2.numpy_lagrangian import NumpyLagrangian, roll_out_free
 
 SCHEMA = 1
@@ -233,7 +233,7 @@ def extrapolate_trivially(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def extrapolate_run(scene: Scene) -> dict[str, Any]:
-    """The measures of `score_extrapolation` for a run, with its equilibrium and its ``guarantee``.
+    """The measures of `score_extrapolation` for a run, its ``guarantee``, and its ``equilibrium`` or None.
 
     Raises:
         ValueError: the mass is induced by the decoder.
@@ -244,10 +244,13 @@ def extrapolate_run(scene: Scene) -> dict[str, Any]:
     def roll_out(q0: np.ndarray, v0: np.ndarray, states: int) -> np.ndarray:
         return roll_out_free(law, q0, v0, states=states, dt_s=scene.clip.dt_s)[0]
 
-    still = lagrangian.rest.new_zeros(lagrangian.n_inputs)
+    try:
+        equilibrium = find_equilibrium(lagrangian).tolist()
+    except NoEquilibriumError:
+        equilibrium = None
     return score_extrapolation(make_law_predictor(scene, roll_out), scene) | {
         "clip": scene.clip.latents.tolist(),
-        "equilibrium": find_equilibrium(lagrangian, still).tolist(),
+        "equilibrium": equilibrium,
         "guarantee": measure_guarantee(lagrangian, scene.chart, scene.config.guarantee),
     }
 

@@ -11,12 +11,12 @@ from scipy.stats import spearmanr
 from lagsplat.array_types import Latent
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import compute_loaded_energy
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.moving_parts import MovingParts, choose_background_points
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.matter.field import join_points
+from lagsplat.stage2.equilibrium import compute_loaded_energy
 
 POINTS = 60  # pixels of the object, evenly spaced in their list, at which it is pushed
 BACKGROUND = 9  # points without motion at which the background is pushed

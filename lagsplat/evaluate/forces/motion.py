@@ -14,12 +14,12 @@ from lagsplat.evaluate.forces.known_forces import KnownForces, simulate_known_fo
 from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import NoScaleError, OperatingPoint
 from lagsplat.forces.ray import RayHit, cast_ray, find_matter_depth, place_on_ray
+from lagsplat.stage2.equilibrium import compute_static_stiffness
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.dynamics import differentiate
 from lagsplat.systems.pushable import Pushable, make_pushable

@@ -53,7 +53,17 @@ def draw_equilibrium(
 def _coordinate(states: Any) -> np.ndarray:
     """The series of the coordinate that moves most."""
     series = np.asarray(states, dtype=np.float64)
-    return series[:, int(np.argmax(np.nanstd(series, axis=0)))]
+    return series[:, _find_widest(series)]
+
+
+def _find_widest(series: States) -> int:
+    return int(np.argmax(np.nanstd(series, axis=0)))
+
+
+def _find_middle(run: Extrapolation) -> float:
+    """The equilibrium in the coordinate of the clip that moves most, or the mean of the clip without one."""
+    series, rest = np.asarray(run["clip"], dtype=np.float64), run["equilibrium"]
+    return float((series.mean(axis=0) if rest is None else rest)[_find_widest(series)])
 
 
 def _draw_trajectory(
@@ -61,9 +71,10 @@ def _draw_trajectory(
 ) -> None:
     dt_s, frames = run["recording"]["dt_s"], run["recording"]["frames"]
     last_train = frames - run["recording"]["held_out"] - 1
-    clip, middle = _coordinate(run["clip"]), run["equilibrium"][0]
+    clip, middle = _coordinate(run["clip"]), _find_middle(run)
     axis.axvspan(0, (frames - 1) * dt_s, color=style.QUIET, alpha=0.18, linewidth=0)
-    axis.axhline(middle, color=style.MARK, linestyle="--", linewidth=0.6)
+    if run["equilibrium"] is not None:
+        axis.axhline(middle, color=style.MARK, linestyle="--", linewidth=0.6)
     for index, result in reversed(list(enumerate(seeds))):
         path = _coordinate(result["looks"][0]["states"])
         time_s = (last_train + np.arange(len(path))) * dt_s
@@ -77,16 +88,17 @@ def _draw_trajectory(
     if name == RUN_TITLE:
         top = (0.5 * frames * dt_s, middle + 0.93 * ends)
         axis.annotate("the clip", top, ha="center", va="top", color=style.ENCODED)
+        said = "no equilibrium" if run["equilibrium"] is None else "dashed: minimum of V"
         last = (last_train + len(seeds[0]["looks"][0]["states"])) * dt_s
         corner = (last, middle + 0.93 * ends)
-        axis.annotate("dashed: minimum of V", corner, ha="right", va="top", color=style.MARK_WORDS)
+        axis.annotate(said, corner, ha="right", va="top", color=style.MARK_WORDS)
 
 
 def _draw_phase_plane(
     axis: Axes, run: Extrapolation, results: Mapping[str, Sequence[Extrapolation]], colours: Any
 ) -> None:
     """Draw the last seconds of the drawn part, long after the end of the clip."""
-    dt_s, middle = run["recording"]["dt_s"], run["equilibrium"][0]
+    dt_s, middle = run["recording"]["dt_s"], _find_middle(run)
     clip = _coordinate(run["clip"])
     axis.plot(clip, np.gradient(clip, dt_s), color=style.ENCODED, alpha=0.25, linewidth=0.5)
     for name, seeds in results.items():

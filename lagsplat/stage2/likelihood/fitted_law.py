@@ -9,7 +9,8 @@ from jaxtyping import Float64
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import Degrees
-from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, linearize_modes
+from lagsplat.stage2.equilibrium import NoEquilibriumError, linearize_modes
+from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
 from lagsplat.stage2.likelihood.multiple_shooting import MultipleShooting
 from lagsplat.stage2.likelihood.parameter_vector import FRAME, MAP, POTENTIAL, VOLUMES, ParameterVector
 from lagsplat.stage2.likelihood.prior import ABSENT
@@ -51,10 +52,15 @@ class FittedLaw:
 def set_time_scales(law: Lagrangian, trajectory: EncodedTrajectory, *, period_frames: int) -> int:
     """Let the fastest mode decide how many steps divide a frame; frames of the slowest period.
 
-    They are ``period_frames`` for a law that does not oscillate.
+    They are ``period_frames`` for a law that does not oscillate. One without an equilibrium, which no fit
+    ends with, takes the shortest steps.
     """
     dt_s = trajectory.dt_s
-    modes = linearize_modes(law, torch.from_numpy(trajectory.inputs.mean(0)))
+    try:
+        modes = linearize_modes(law, torch.from_numpy(trajectory.inputs.mean(0)))
+    except NoEquilibriumError:
+        law.longest_step = dt_s / float(law.time_unit_s) / MOST_PIECES
+        return period_frames
     sizes = np.hypot(2.0 * np.pi * np.array(modes.frequency_hz), modes.decay_per_s) * dt_s
     pieces = math.ceil(max(sizes.max() / LARGEST_STEP, sizes.min() / ACCURATE_STEP))
     law.longest_step = dt_s / float(law.time_unit_s) / int(np.clip(pieces, 1, MOST_PIECES))

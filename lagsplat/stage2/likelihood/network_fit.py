@@ -15,8 +15,9 @@ from torch import Tensor
 from torch.autograd.functional import jacobian
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.equilibrium import find_equilibrium
 from lagsplat.stage2.input_stiffness import InputStiffness, measure_input_range
-from lagsplat.stage2.lagrangian import Coefficients, Lagrangian, find_equilibrium
+from lagsplat.stage2.lagrangian import Coefficients, Lagrangian
 from lagsplat.stage2.likelihood.parameter_vector import Paths, States
 from lagsplat.stage2.likelihood.prior import Prior
 from lagsplat.stage2.likelihood.window_likelihood import WindowFit, WindowLikelihood
@@ -81,6 +82,9 @@ def linearize_law(law: Lagrangian, inputs: Float64[np.ndarray, "T n_u"]) -> Coef
 
     Second derivatives of the volumes are the stiffness of the inputs. The rest state is where the linearised
     elastic force vanishes.
+
+    Raises:
+        NoEquilibriumError: none was found under the mean input.
     """
     mean = torch.from_numpy(inputs.mean(axis=0))
     q, ready = find_equilibrium(law, mean), law.prepare()

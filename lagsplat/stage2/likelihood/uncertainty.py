@@ -19,7 +19,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
-from lagsplat.stage2.lagrangian import LinearizedModes, find_equilibrium, linearize_modes
+from lagsplat.stage2.equilibrium import (
+    LinearizedModes,
+    NoEquilibriumError,
+    find_equilibrium,
+    linearize_modes,
+)
 from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 
@@ -93,10 +98,14 @@ def draw_modes(
     """Modes and equilibria under a constant input ``u`` of laws a `STEP` of the way to the drawn ones.
 
     So near, modes and equilibria are still those of the law, moved: a law that is drawn far from a recording
-    that hardly determines it may be no mechanism at all. The law is left as it was.
+    that hardly determines it may be no mechanism at all. The law is left as it was; if it has no equilibrium,
+    there are no modes.
     """
     theta, drawn = parameters.read(), []
-    near = find_equilibrium(parameters.lagrangian, u)
+    try:
+        near = find_equilibrium(parameters.lagrangian, u)
+    except NoEquilibriumError:
+        return []
     for each in draws:
         parameters.write(theta + STEP * (torch.from_numpy(each) - theta))
         with suppress(ValueError, RuntimeError, np.linalg.LinAlgError):

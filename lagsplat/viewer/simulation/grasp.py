@@ -9,11 +9,11 @@ from jaxtyping import Float64
 from lagsplat.array_types import Vector
 from lagsplat.forces.answer_spread import is_undetermined, measure_stiffness_spread
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.grasp import SPACING_PX, GraspPoint, Place, Point, grasp_brush
 from lagsplat.forces.loaded_lagrangian import FastLagrangian
 from lagsplat.forces.operating_point import OperatingPoint
 from lagsplat.matter.body_motion import list_deviated
+from lagsplat.stage2.equilibrium import compute_static_stiffness
 
 State = tuple[Vector, Vector]  # q and its velocity [1/s]
 

@@ -12,9 +12,8 @@ from jaxtyping import Float64
 
 from lagsplat.array_types import Vector
 from lagsplat.forces.config import ForcesConfig
-from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.grasp import Place, Point
-from lagsplat.forces.loaded_lagrangian import make_fast_lagrangian
+from lagsplat.forces.loaded_lagrangian import find_loaded_equilibria, make_fast_lagrangian
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import OperatingPoint, fit_energy_scale
 from lagsplat.stage2.lagrangian import UNTOUCHED, LawEdits
@@ -167,7 +166,8 @@ class Session:
             ValueError: no equilibrium was found.
         """
         law, start = self.operating_point.law, self.operating_point.rest
-        rest = settle(law, torch.from_numpy(self.u)[None], edits=self.edits, start=start)[0].numpy()
+        u = torch.from_numpy(self.u)[None]
+        rest = find_loaded_equilibria(law, u, edits=self.edits, start=start)[0].numpy()
         self._reset(rest, np.zeros(law.d), None)
 
     def to_frame(self, frame: int) -> None:

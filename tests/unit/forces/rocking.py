@@ -7,10 +7,10 @@ import numpy as np
 import torch
 
 from lagsplat.chart.chart import Chart
-from lagsplat.forces.equilibrium import settle
 from lagsplat.forces.operating_point import OperatingPoint, hold_at_load
 from lagsplat.matter.film_registration import list_pixels
 from lagsplat.stage1.autoencoder import Autoencoder
+from lagsplat.stage2.equilibrium import find_equilibrium
 from lagsplat.stage2.likelihood.parameter_vector import POTENTIAL, ParameterVector
 from tests.matter_fields import make_linear_matter
 from tests.stage2_problems import random_lagrangian
@@ -104,7 +104,7 @@ def hold_polynomial_strip() -> OperatingPoint:
 def hold_under_polynomials(held: OperatingPoint) -> OperatingPoint:
     """The same run under a random law of polynomials, at its rest."""
     law = random_lagrangian(held.law.d, 1, 3, amount=0.02, terms="polynomial", map_degree=1)
-    return replace(held, law=law, rest=settle(law, held.u[None])[0])
+    return replace(held, law=law, rest=find_equilibrium(law, held.u))
 
 
 def draw_springs(held: OperatingPoint, *, deviation: float) -> np.ndarray:

@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from lagsplat.forces.answer_spread import measure_answer_spread, measure_stiffness_spread
-from lagsplat.forces.equilibrium import compute_static_stiffness
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.stage2.equilibrium import compute_static_stiffness
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from tests.unit.forces.rocking import deviate_stretch, draw_springs, hold_polynomial_strip
 

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.stage2.config import LikelihoodConfig
+from lagsplat.stage2.equilibrium import LinearizedModes, linearize_modes, list_stable_equilibria
 from lagsplat.stage2.fit import FitReport, fit_dynamics, load_dynamics, save_dynamics
-from lagsplat.stage2.lagrangian import LinearizedModes, find_equilibria, linearize_modes
 from lagsplat.stage2.likelihood import likelihood_fit
 from lagsplat.stage2.rollout import interpolate_inputs, rollout
 from lagsplat.stage2.weak_form import fit_weak_form
@@ -141,7 +141,7 @@ def test_equilibria_of_a_double_well_are_found_and_said() -> None:
         for exponents, value in ([2.0, 0.0], -1.0), ([4.0, 0.0], 0.5), ([0.0, 2.0], 1.0):
             law.energy.coefficients[powers.index(exponents)] = value
         law.energy.input_coefficients[0, 0] = 3.0  # pushes along the first coordinate
-    free, pushed = find_equilibria(law, torch.tensor([[0.0], [1.0]], dtype=torch.float64))
+    free, pushed = list_stable_equilibria(law, torch.tensor([[0.0], [1.0]], dtype=torch.float64))
     assert sorted(free[:, 0].tolist()) == pytest.approx([-1.0, 1.0], abs=1e-3)
     assert len(pushed) == 1
     assert "2 stable equilibria" in FitReport(equilibria=2, draws=np.zeros((1, 1))).warnings[0]

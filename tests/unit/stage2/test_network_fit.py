@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.equilibrium import linearize_modes
 from lagsplat.stage2.fit import fit_dynamics
-from lagsplat.stage2.lagrangian import Floors, Lagrangian, linearize_modes
+from lagsplat.stage2.lagrangian import Floors, Lagrangian
 from lagsplat.stage2.likelihood.multiple_shooting import fit_windows
 from lagsplat.stage2.likelihood.network_fit import NetworkVector, fit_networks, linearize_law, project_law
 from lagsplat.stage2.rollout import rollout

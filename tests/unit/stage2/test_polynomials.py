@@ -6,7 +6,7 @@ import torch
 from torch.autograd.functional import jacobian
 
 from lagsplat.monomials import differentiate_monomials, evaluate_monomials, list_exponents, make_wide_ball
-from lagsplat.stage2.lagrangian import linearize_modes
+from lagsplat.stage2.equilibrium import linearize_modes
 from lagsplat.stage2.polynomials import PolynomialEnergy, PolynomialField, PolynomialFrame, PolynomialMap
 from lagsplat.stage2.rollout import rollout
 from tests.stage2_problems import random_lagrangian

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.stage2.equilibrium import linearize_modes
 from lagsplat.stage2.fit import fit_dynamics
-from lagsplat.stage2.lagrangian import linearize_modes
 from lagsplat.stage2.likelihood.guard import LEAST_STRETCH
 from lagsplat.stage2.likelihood.response_map import fit_response_map
 from tests.stage2_problems import form

@@ -6,8 +6,8 @@ import torch
 
 from benchmarks.law_intervals import DECAY_PER_S, FREQUENCY_HZ, record
 from lagsplat.stage2.config import LikelihoodConfig
+from lagsplat.stage2.equilibrium import LinearizedModes, linearize_modes
 from lagsplat.stage2.fit import fit_dynamics, load_parameter_draws, save_dynamics
-from lagsplat.stage2.lagrangian import LinearizedModes, linearize_modes
 from lagsplat.stage2.likelihood.multiple_shooting import WindowScores
 from lagsplat.stage2.likelihood.parameter_vector import ParameterVector
 from lagsplat.stage2.likelihood.uncertainty import (
