@@ -12,7 +12,7 @@ from lagsplat.io.files.tracking import require_tracking
 from lagsplat.matter.config import MatterConfig
 from lagsplat.project import find_project
 from lagsplat.setting_checks import require_least
-from lagsplat.stage1.config import FieldConfig, RenderConfig, Stage1Config
+from lagsplat.stage1.config import PlanarDecoderConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
 from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
 from lagsplat.viewer.config import ViewerConfig
@@ -121,7 +121,7 @@ class Config:
     forecaster: ForecasterConfig
     ode: OdeConfig
     authors: AuthorsConfig
-    deformation: FieldConfig
+    deformation: PlanarDecoderConfig
     evaluate: EvaluateConfig
     extrapolation: ExtrapolationConfig
     forces: ForcesConfig  # how forces given in the image take hold, and which ones are shown and checked

@@ -81,7 +81,7 @@ def make_baseline_subject(
         start = (torch.from_numpy(values).float() for values in (z0, v0, inputs))
         return baseline.rollout(*start)[0].double().numpy()
 
-    reach = baseline_horizon(baseline, probed)
+    reach = describe_baseline_force_reach(baseline, probed)
     return EvaluationSubject(of.d, "linear", reach, held, pictures, render, integrate)
 
 
@@ -183,7 +183,7 @@ def accelerate_baseline(baseline: Baseline, z: Latents, push: Latents) -> Latent
 
 
 @torch.no_grad()
-def baseline_horizon(baseline: Baseline, z: Latents) -> str:
+def describe_baseline_force_reach(baseline: Baseline, z: Latents) -> str:
     """Where a push acts at the states ``z``: ``none``, ``latent only``, or at how many centres."""
     answer = accelerate_baseline(baseline, z, torch.ones_like(z))
     if answer is None or not _moves(answer):

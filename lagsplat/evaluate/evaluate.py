@@ -68,7 +68,7 @@ def make_run_subject(
     return EvaluationSubject(
         d=chart.d,
         dynamics=describe_dynamics(lagrangian),
-        external_force=describe_external_force(autoencoder),
+        external_force=describe_force_reach(autoencoder),
         held=select_held_out(chart, config),
         pictures=make_picture_reader(recording, first=chart.n_train),
         render=lambda q: decode_latents(autoencoder, chart.to_raw(q)),
@@ -113,10 +113,13 @@ def describe_dynamics(lagrangian: Lagrangian) -> str:
     return "nonlinear" if form.mass == "learned" else f"nonlinear, {form.mass} mass"
 
 
-def describe_external_force(autoencoder: Autoencoder) -> str:
+def describe_force_reach(autoencoder: Autoencoder) -> str:
     """Where a force given in the image can act: ``anywhere``, or ``none`` if no primitive moves.
 
-    A force on matter in the picture reaches the dynamics only where the state moves what is drawn.
+    A property of the model, as tested of every baseline: whether its decoder maps such a force to coordinates
+    at all. What a force does to the matter of a film, `lagsplat.evaluate.forces` scores.
+
+    Source: paper, the last column of Table "Krauss".
     """
     return "anywhere" if bool(autoencoder.gaussians.jacobian().abs().amax() > 0) else "none"
 

@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 from lagsplat.array_types import Frames
 from lagsplat.chart.chart import Chart
 from lagsplat.io.files.artifact import load_artifact, save_artifact
-from lagsplat.splat.image_model import ALPHA_MIN, rasterize
+from lagsplat.splat.image_model import ALPHA_MIN
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.deformation_decoder import DeformationField
+from lagsplat.stage1.planar_decoder import PlanarDecoder
 
 STILL = 1.5  # pixels within this factor of the quietest pixels' spread count as background
 AT_ONCE = 32
@@ -57,7 +57,7 @@ def estimate_background(frames: Frames) -> Bool[np.ndarray, "H W"]:
 
 @torch.no_grad()
 def compute_velocity_field(
-    field: DeformationField,
+    decoder: PlanarDecoder,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
     moment: FastestMoment,
@@ -79,33 +79,33 @@ def compute_velocity_field(
     """
     z = torch.as_tensor(moment.z, dtype=torch.float32)
     rate = torch.as_tensor(moment.rate, dtype=torch.float32)
-    velocity = (field.jacobian(z) @ rate).double().numpy()
-    scene = field.slices(z[None])[0]
-    rough, visible = _roughness(scene.means[0], scene.opacity[0], velocity, field, neighbours)
+    velocity = (decoder.jacobian(z) @ rate).double().numpy()
+    scene = decoder.slices(z[None])[0]
+    rough, visible = _roughness(scene.means[0], scene.opacity[0], velocity, decoder, neighbours)
     speeds = np.linalg.norm(velocity, axis=1)
     colour = torch.as_tensor(np.repeat(speeds[:, None], 3, axis=1), dtype=torch.float32)
     painted_scene = scene._replace(color=colour, background=torch.zeros(3))
-    painted = rasterize(*painted_scene, height=field.height, width=field.width, backend=backend)[0, 0].numpy()
+    painted = decoder.draw([painted_scene], backend=backend)[0, 0].numpy()
     still = estimate_background(frames)
-    picture = field.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
+    picture = decoder.draw([scene], backend=backend)[0].clamp(0, 1).numpy()
     return {
-        **_reconstruction(field, frames, latents, window=window, backend=backend),
+        **_reconstruction(decoder, frames, latents, window=window, backend=backend),
         "roughness": rough,
         "speed": float(np.median(speeds[visible])) if visible.any() else None,
         "visible": int(visible.sum()),
         "painted_still": float(painted[still].mean()) if still.any() else None,
         "painted_moving": float(painted[~still].mean()) if (~still).any() else None,
-        "parameters": sum(parameter.numel() for parameter in field.parameters()),
+        "parameters": sum(parameter.numel() for parameter in decoder.parameters()),
         "n_gaussians": len(velocity),
         "frame": moment.frame,
     }, {"picture": picture, "speed": painted}
 
 
 def _roughness(
-    means: torch.Tensor, opacity: torch.Tensor, velocity: np.ndarray, field: DeformationField, neighbours: int
+    means: torch.Tensor, opacity: torch.Tensor, velocity: np.ndarray, decoder: PlanarDecoder, neighbours: int
 ) -> tuple[float | None, np.ndarray]:
     at = means.double().numpy()
-    inside = (at >= 0).all(axis=1) & (at[:, 0] <= field.width) & (at[:, 1] <= field.height)
+    inside = (at >= 0).all(axis=1) & (at[:, 0] <= decoder.width) & (at[:, 1] <= decoder.height)
     visible = inside & (opacity.numpy() >= ALPHA_MIN)
     if visible.sum() < 2:
         return None, visible
@@ -117,13 +117,13 @@ def _roughness(
 
 
 def _reconstruction(
-    field: DeformationField, frames: Frames, latents: np.ndarray, *, window: int, backend: str
+    decoder: PlanarDecoder, frames: Frames, latents: np.ndarray, *, window: int, backend: str
 ) -> dict[str, float]:
     l1, dissimilarity = [], []
     for first in range(0, len(frames), AT_ONCE):
         truth = to_images(np.asarray(frames[first : first + AT_ONCE]))
         z = torch.as_tensor(latents[first : first + AT_ONCE], dtype=torch.float32)
-        drawn = field.draw(field.slices(z), backend=backend)
+        drawn = decoder.draw(decoder.slices(z), backend=backend)
         l1.append((drawn - truth).abs().mean(dim=(1, 2, 3)))
         dissimilarity += [
             structural_dissimilarity(a[None], b[None], window=window)

@@ -395,9 +395,9 @@ def road_to(stage: str, experiment: Config) -> Road:
         "extrapolate_table": (None, "extrapolation"),
         "matter": (experiment.matter, "matter"),
         "matter_paths": (None, "material_paths"),
-        "field": (experiment.deformation, "field"),
-        "field_read": (None, "velocity_field"),
-        "field_table": (None, "deformation"),
+        "planar": (experiment.deformation, "planar_decoder"),
+        "planar_read": (None, "velocity_field"),
+        "planar_table": (None, "deformation"),
     }
     branch = stage.partition("_")[0]
     if branch not in TRUNK_BEFORE:
@@ -415,7 +415,7 @@ TRUNK_BEFORE = {
     "trivial": ("recording", "stage1", "chart", "stage2"),
     "authors": ("recording",),
     "extrapolate": ("recording", "stage1", "chart", "stage2"),
-    "field": ("recording", "stage1", "chart"),
+    "planar": ("recording", "stage1", "chart"),
     "matter": ("recording", "views", "stage1", "chart"),
 }
 """Stages of the trunk before each branch."""

@@ -1,5 +1,5 @@
 """Stage 1: an encoder and a decoder of Gaussians, fitted together to the frames alone.
 
 `autoencoder` holds both (`Autoencoder`), `fit` trains them (`fit_autoencoder`), `densification` splits and
-teleports Gaussians, and `deformation_decoder` is the decoder they are compared with.
+teleports Gaussians, and `planar_decoder` is the decoder they are compared with.
 """

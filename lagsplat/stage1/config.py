@@ -133,7 +133,7 @@ class Stage1Config:
 
 
 @dataclass  # not frozen: OmegaConf turns frozen dataclasses into read-only nodes
-class FieldConfig:
+class PlanarDecoderConfig:
     """A decoder whose Gaussians a network of the latent moves, and the training schedule of both decoders.
 
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".

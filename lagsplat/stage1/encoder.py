@@ -59,7 +59,7 @@ class Encoder(nn.Module):
 
 
 @contextmanager
-def measure_small_moves(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
+def limit_latent_step(encoder: Encoder, images: Images, *, limit: float | None) -> Iterator[None]:
     """Shorten an optimiser step that moves the latents of ``images`` by more than ``limit``.
 
     ``limit`` is the rms move over the rms distance of these latents from their mean; None allows any step.

@@ -15,7 +15,7 @@ from lagsplat.splat.image_model import choose_device
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import RenderConfig, Stage1Config
 from lagsplat.stage1.densification import densify_and_prune, is_due
-from lagsplat.stage1.encoder import measure_small_moves
+from lagsplat.stage1.encoder import limit_latent_step
 from lagsplat.stage1.encoder_initialization import SAMPLE, remove_squares
 from lagsplat.stage1.gaussian_initialization import initialize_autoencoder
 from lagsplat.stage1.linear_response import InputHistory
@@ -187,7 +187,7 @@ def train_step(
         for part in (autoencoder.encoder, autoencoder.gaussians):
             torch.nn.utils.clip_grad_norm_(part.parameters(), config.rate.gradient_clip)
     limit = config.rate.latent_step if latents is None else None
-    with measure_small_moves(autoencoder.encoder, batch[:PROBED], limit=limit):
+    with limit_latent_step(autoencoder.encoder, batch[:PROBED], limit=limit):
         optimizer.step()
     values = np.array([float(score.detach()) for score in scores])
     if not np.isfinite(values).all():

@@ -136,7 +136,7 @@ def test_every_target_plans_and_groups_for_clusters_depend_on_nothing_that_waits
         "extrapolate_trivially",
         "extrapolation",
         "equilibrium",
-        "field",
+        "planar_decoder",
         "velocity_field",
         "deformation",
         "jacobian_field",

@@ -66,7 +66,7 @@ wildcard_constraints:
     forecaster="|".join(options("forecaster")),
     ode="|".join(options("ode")),
     trial="[0-9]+",
-    field="conditioned|deformed",
+    planar_decoder="conditioned|deformed",
     # Figures in space end in the same way as the names of systems in space.
     mechanism="|".join(
         [

@@ -1,17 +1,17 @@
-rule field:
+rule planar_decoder:
     input:
         recording=rules.stage1.input.recording,
         chart=rules.chart.output.chart,
         records=[rules.chart.output.record],
     output:
         model=update(
-            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/{field}.safetensors"
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/{planar_decoder}.safetensors"
         ),
-        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/{field}.json",
+        record="results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/{planar_decoder}.json",
     log:
-        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/fields/{field}.log",
+        "results/{profile}/logs/{recording}/{system}/{stage1}-{ae}/planar_decoders/{planar_decoder}.log",
     benchmark:
-        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/fields/{field}.tsv"
+        "results/{profile}/benchmarks/{recording}/{system}/{stage1}-{ae}/planar_decoders/{planar_decoder}.tsv"
     conda:
         "../envs/lagsplat.yaml"
     threads: 1
@@ -21,12 +21,12 @@ rule field:
     params:
         cfg=section("deformation"),
         stage1=section("stage1"),
-        before=before("field"),
-        code=script_digest(SCRIPTS / "extrapolation/field.py"),
+        before=before("planar"),
+        code=script_digest(SCRIPTS / "extrapolation/planar_decoder.py"),
     message:
-        "The {wildcards.field} decoder of {wildcards.system} ({wildcards.recording})"
+        "The {wildcards.planar_decoder} decoder of {wildcards.system} ({wildcards.recording})"
     script:
-        "../scripts/extrapolation/field.py"
+        "../scripts/extrapolation/planar_decoder.py"
 
 
 rule velocity_field:
@@ -34,13 +34,13 @@ rule velocity_field:
         recording=rules.stage1.input.recording,
         chart=rules.chart.output.chart,
         models=[
-            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/conditioned.safetensors",
-            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/deformed.safetensors",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/conditioned.safetensors",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/deformed.safetensors",
         ],
         records=[
             rules.chart.output.record,
-            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/conditioned.json",
-            "results/{profile}/{recording}/{system}/{stage1}-{ae}/fields/deformed.json",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/conditioned.json",
+            "results/{profile}/{recording}/{system}/{stage1}-{ae}/planar_decoders/deformed.json",
         ],
     output:
         maps=update(
@@ -60,7 +60,7 @@ rule velocity_field:
     params:
         cfg=section("deformation"),
         window=section("stage1.loss.ssim_window"),
-        before=before("field_read"),
+        before=before("planar_read"),
         code=script_digest(SCRIPTS / "extrapolation/velocity_field.py"),
     message:
         "Read the velocities of both decoders of {wildcards.system} ({wildcards.recording})"
@@ -71,10 +71,10 @@ rule velocity_field:
 rule deformation:
     input:
         maps=lambda wildcards: some(
-            [rules.velocity_field.output.maps.format(**run) for run in field_runs()]
+            [rules.velocity_field.output.maps.format(**run) for run in planar_runs()]
         ),
         records=[
-            rules.velocity_field.output.record.format(**run) for run in field_runs()
+            rules.velocity_field.output.record.format(**run) for run in planar_runs()
         ],
     output:
         tex="results/tables/deformation.tex",
@@ -96,9 +96,9 @@ rule deformation:
         mem_mb=1500,
         runtime=10,
     params:
-        runs=lambda wildcards: field_runs(),
-        titles=lambda wildcards: plan.titles(field_runs()),
-        before=lambda wildcards: [before("field_table")(run) for run in field_runs()],
+        runs=lambda wildcards: planar_runs(),
+        titles=lambda wildcards: plan.titles(planar_runs()),
+        before=lambda wildcards: [before("planar_table")(run) for run in planar_runs()],
         code=script_digest(SCRIPTS / "extrapolation/deformation.py"),
     message:
         "Compare two decoders at an equal number of primitives"
@@ -111,12 +111,12 @@ rule jacobian_field:
         maps=lambda wildcards: some(
             [
                 rules.velocity_field.output.maps.format(**run)
-                for run in field_runs()[:1]
+                for run in planar_runs()[:1]
             ]
         ),
         records=[
             rules.velocity_field.output.record.format(**run)
-            for run in field_runs()[:1]
+            for run in planar_runs()[:1]
         ],
     output:
         pdf="results/figures/jacobian_field.pdf",
@@ -138,11 +138,11 @@ rule jacobian_field:
         runtime=10,
     params:
         title=lambda wildcards: "The same motion read off two decoders · {title} · {recording} recording · profile {profile}".format(
-            title=plan.titles(field_runs())[field_runs()[0]["system"]],
-            **field_runs()[0],
+            title=plan.titles(planar_runs())[planar_runs()[0]["system"]],
+            **planar_runs()[0],
         ),
         before=lambda wildcards: [
-            before("field_table")(run) for run in field_runs()[:1]
+            before("planar_table")(run) for run in planar_runs()[:1]
         ],
         code=script_digest(SCRIPTS / "extrapolation/jacobian_field.py"),
     message:

@@ -21,7 +21,7 @@ def first_extrapolated(kind):
     return [run for run in chosen if run["system"] == runs[0]["system"]]
 
 
-def field_runs():
+def planar_runs():
     """The first run of every system of the table of decoders: dynamics play no part in it."""
     seen = {run["system"]: run for run in reversed(plan.extrapolated()[0])}
     return list(reversed(seen.values()))

@@ -8,8 +8,8 @@ from lagsplat.baselines.fit import choose_architecture
 from lagsplat.baselines.model import Baseline
 from lagsplat.evaluate.baseline import (
     accelerate_baseline,
-    baseline_horizon,
     compute_baseline_modes,
+    describe_baseline_force_reach,
     estimate_velocities,
     evaluate_baseline,
     pull_back_force,
@@ -76,7 +76,7 @@ def test_a_push_at_a_centre_moves_that_centre_its_way():
     answer = accelerate_baseline(baseline, z, push)
     # The power of a force along the motion it causes is never negative.
     assert ((push * answer).sum(1) > 0).all()
-    assert baseline_horizon(baseline, z) == "at 2 centres"
+    assert describe_baseline_force_reach(baseline, z) == "at 2 centres"
 
 
 def test_the_score_of_the_states_ahead_leaves_out_the_given_one(metrics):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.evaluate.evaluate import describe_dynamics, describe_external_force, evaluate
+from lagsplat.evaluate.evaluate import describe_dynamics, describe_force_reach, evaluate
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
 
@@ -90,7 +90,7 @@ def test_a_decoder_that_cannot_move_takes_no_force(parts):
     model = tiny_run.autoencoder()
     with torch.no_grad():
         model.gaussians.coupling.zero_()
-    assert describe_external_force(model) == "none"
+    assert describe_force_reach(model) == "none"
 
 
 @pytest.mark.parametrize(

@@ -12,27 +12,27 @@ from lagsplat.evaluate.velocity_field import (
     load_maps,
     save_maps,
 )
-from lagsplat.stage1.deformation_decoder import CONDITIONED, DeformationField, start_deformation_field
+from lagsplat.stage1.planar_decoder import CONDITIONED, PlanarDecoder, start_planar_decoder
 from tests.unit.evaluate import swing
 from tests.unit.stage1.problems import small_config, swinging_bar
-from tests.unit.stage1.test_field import LATENTS, settings
+from tests.unit.stage1.test_planar_decoder import LATENTS, settings
 
 FRAMES = swinging_bar(40)
 MOMENT = FastestMoment(3, np.array([0.1]), np.array([2.0]))
 
 
-def carried(shift: float) -> DeformationField:
+def carried(shift: float) -> PlanarDecoder:
     """A decoder all of whose primitives follow the latent alike, [px per unit]."""
-    field = start_deformation_field(CONDITIONED, FRAMES, LATENTS, settings(), small_config(), seed=0)
+    decoder = start_planar_decoder(CONDITIONED, FRAMES, LATENTS, settings(), small_config(), seed=0)
     with torch.no_grad():
-        field.gaussians.precision_log_diagonal.fill_(-3.0)
-        field.gaussians.coupling.zero_()
-        field.gaussians.coupling[:, 0] = shift * np.exp(3.0)
-    return field.eval()
+        decoder.gaussians.precision_log_diagonal.fill_(-3.0)
+        decoder.gaussians.coupling.zero_()
+        decoder.gaussians.coupling[:, 0] = shift * np.exp(3.0)
+    return decoder.eval()
 
 
-def measured(field: DeformationField):
-    return compute_velocity_field(field, FRAMES, LATENTS, MOMENT, window=7, neighbours=3, backend="numba")
+def measured(decoder: PlanarDecoder):
+    return compute_velocity_field(decoder, FRAMES, LATENTS, MOMENT, window=7, neighbours=3, backend="numba")
 
 
 def test_a_common_motion_is_smooth_and_as_fast_as_it_is() -> None:
@@ -45,20 +45,20 @@ def test_a_common_motion_is_smooth_and_as_fast_as_it_is() -> None:
 
 
 def test_primitives_that_move_each_for_itself_are_rough() -> None:
-    field = carried(0.0)
+    decoder = carried(0.0)
     with torch.no_grad():
-        field.gaussians.coupling.normal_(std=np.exp(3.0))
-    found, _ = measured(field)
+        decoder.gaussians.coupling.normal_(std=np.exp(3.0))
+    found, _ = measured(decoder)
     assert found["roughness"] > 1.0
     quiet, _ = measured(carried(0.0))
     assert quiet["roughness"] == quiet["painted_still"] == 0.0
 
 
 def test_a_decoder_that_draws_nothing_has_no_roughness() -> None:
-    field = carried(1.0)
+    decoder = carried(1.0)
     with torch.no_grad():
-        field.gaussians.opacity_logit.fill_(-20.0)
-    found, _ = measured(field)
+        decoder.gaussians.opacity_logit.fill_(-20.0)
+    found, _ = measured(decoder)
     assert found["roughness"] is None
     assert found["speed"] is None
     assert found["visible"] == 0

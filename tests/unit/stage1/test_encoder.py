@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.encoder import Encoder, measure_small_moves
+from lagsplat.stage1.encoder import Encoder, limit_latent_step
 from lagsplat.stage1.encoder_initialization import initialize_encoder
 from lagsplat.stage1.training_data import TrainingFrames
 from tests.unit.stage1.problems import swinging_bar
@@ -34,7 +34,7 @@ def started_encoder():
 def test_a_step_that_would_move_the_latents_too_far_is_shortened(limit):
     encoder, images = started_encoder()
     before = encoder(images).detach()
-    with measure_small_moves(encoder, images, limit=limit), torch.no_grad():
+    with limit_latent_step(encoder, images, limit=limit), torch.no_grad():
         for parameter in encoder.parameters():
             parameter.add_(1e-3)
     move = (encoder(images) - before).square().mean().sqrt().item()
@@ -46,6 +46,6 @@ def test_a_step_that_would_move_the_latents_too_far_is_shortened(limit):
 def test_a_step_within_the_limit_is_left_alone(limit):
     encoder, images = started_encoder()
     weight = encoder.head.weight.detach().clone()
-    with measure_small_moves(encoder, images, limit=limit), torch.no_grad():
+    with limit_latent_step(encoder, images, limit=limit), torch.no_grad():
         encoder.head.weight.add_(1e-3)
     torch.testing.assert_close(encoder.head.weight.detach(), weight + 1e-3, rtol=0, atol=0)

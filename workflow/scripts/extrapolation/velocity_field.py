@@ -4,19 +4,19 @@ from lagsplat.chart.chart import load_chart
 from lagsplat.evaluate.velocity_field import compute_velocity_field, find_fastest_moment, save_maps
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.planning.job import Job
-from lagsplat.stage1.config import FieldConfig
-from lagsplat.stage1.deformation_decoder import load_deformation_field
+from lagsplat.stage1.config import PlanarDecoderConfig
+from lagsplat.stage1.planar_decoder import load_planar_decoder
 
 with Job(snakemake) as job:
     chart, _ = load_chart(job.input.chart)
     train, _ = load_recording(job.input.recording).split()
-    config, moment = job.section(FieldConfig), find_fastest_moment(chart)
+    config, moment = job.section(PlanarDecoderConfig), find_fastest_moment(chart)
     latents = chart.to_raw(chart.latents[: chart.n_train])
     maps, measures = {}, {}
     for path in job.input.models:
-        field, header = load_deformation_field(path, config, d=chart.d)
-        found, maps[field.kind] = compute_velocity_field(
-            field, train.frames, latents, moment, window=job.params.window, neighbours=config.neighbours
+        decoder, header = load_planar_decoder(path, config, d=chart.d)
+        found, maps[decoder.kind] = compute_velocity_field(
+            decoder, train.frames, latents, moment, window=job.params.window, neighbours=config.neighbours
         )
-        measures[field.kind] = found | {"wall_s": header["wall_s"], "steps": header["steps"]}
+        measures[decoder.kind] = found | {"wall_s": header["wall_s"], "steps": header["steps"]}
     save_maps(job.output.maps, maps, measures, job.header)

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from lagsplat.stage1.config import FieldConfig
-from lagsplat.stage1.deformation_decoder import (
+from lagsplat.stage1.config import PlanarDecoderConfig
+from lagsplat.stage1.planar_decoder import (
     CONDITIONED,
     DEFORMED,
-    DeformationField,
     DeformedGaussians,
-    fit_deformation_field,
-    load_deformation_field,
-    save_deformation_field,
-    start_deformation_field,
+    fit_planar_decoder,
+    load_planar_decoder,
+    save_planar_decoder,
+    start_planar_decoder,
 )
 from tests.unit.stage1.problems import small_config, swinging_bar
 
@@ -21,7 +20,7 @@ FRAMES = swinging_bar(40)
 LATENTS = np.sin(np.arange(40) / 3)[:, None]
 
 
-def settings(**changes: object) -> FieldConfig:
+def settings(**changes: object) -> PlanarDecoderConfig:
     values = {
         "n_gaussians": 40,
         "hidden": 16,
@@ -31,20 +30,20 @@ def settings(**changes: object) -> FieldConfig:
         "batch": 4,
         "neighbours": 3,
     }
-    return FieldConfig(**(values | changes))
+    return PlanarDecoderConfig(**(values | changes))
 
 
 def test_both_begin_as_the_same_planar_gaussians() -> None:
-    fields = [
-        start_deformation_field(kind, FRAMES, LATENTS, settings(), small_config(), seed=0)
+    decoders = [
+        start_planar_decoder(kind, FRAMES, LATENTS, settings(), small_config(), seed=0)
         for kind in (CONDITIONED, DEFORMED)
     ]
-    ours, theirs = (dict(field.gaussians.named_parameters()) for field in fields)
+    ours, theirs = (dict(decoder.gaussians.named_parameters()) for decoder in decoders)
     shared = set(ours) & set(theirs)
     assert shared >= {"center", "shape_log_diagonal", "opacity_logit", "color_logit", "background_logit"}
     for name in shared:
         torch.testing.assert_close(ours[name], theirs[name])
-    count = sum(parameter.numel() for parameter in fields[1].parameters())
+    count = sum(parameter.numel() for parameter in decoders[1].parameters())
     assert count == 9 * 40 + 3 + 2 * 16 + 16 * 16 + 16 + 5 * 40 * 17
 
 
@@ -77,26 +76,26 @@ def test_its_jacobian_is_how_centres_really_move() -> None:
 @pytest.mark.parametrize("kind", [CONDITIONED, DEFORMED])
 def test_each_learns_to_draw_the_film(kind: str, tmp_path) -> None:
     config = settings(steps=120)
-    field, story = fit_deformation_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
-    start = start_deformation_field(kind, FRAMES, LATENTS, config, small_config(), seed=0)
+    decoder, story = fit_planar_decoder(kind, FRAMES, LATENTS, config, small_config(), seed=0)
+    start = start_planar_decoder(kind, FRAMES, LATENTS, config, small_config(), seed=0)
     errors = []
     truth = torch.from_numpy(np.moveaxis(FRAMES[:8], 3, 1) / 255.0).float()
-    for one in (start, field):
+    for one in (start, decoder):
         with torch.no_grad():
             drawn = one.draw(one.slices(torch.as_tensor(LATENTS[:8]).float()), backend="numba")
         errors.append(float((drawn - truth).abs().mean()))
     assert errors[1] < 0.7 * errors[0]
     assert story.wall_s > 0
-    save_deformation_field(tmp_path / "field.safetensors", field, {"steps": 120})
-    again, header = load_deformation_field(tmp_path / "field.safetensors", config, d=1)
+    save_planar_decoder(tmp_path / "decoder.safetensors", decoder, {"steps": 120})
+    again, header = load_planar_decoder(tmp_path / "decoder.safetensors")
     assert (again.kind, header["steps"]) == (kind, 120)
     z = torch.tensor([0.3])
-    torch.testing.assert_close(again.jacobian(z), field.jacobian(z))
+    torch.testing.assert_close(again.jacobian(z), decoder.jacobian(z))
 
 
 def test_what_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="no decoder 'both'"):
-        DeformationField("both", 4, 1, settings(), height=8, width=8)
+        start_planar_decoder("both", FRAMES, LATENTS, settings(), small_config(), seed=0)
     with pytest.raises(ValueError, match=r"deformation\.hidden"):
         settings(hidden=0)
     with pytest.raises(ValueError, match="fewer than"):

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,28 +17,49 @@ from lagsplat.splat.gaussians import Gaussians, GaussianSlice
 from lagsplat.splat.image_model import rasterize
 from lagsplat.splat.losses import anisotropy
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.config import FieldConfig, Stage1Config
+from lagsplat.stage1.config import PlanarDecoderConfig, Stage1Config
 from lagsplat.stage1.gaussian_initialization import place_gaussians
 from lagsplat.stage1.objective import group_parameters, photometric_loss, set_rates
 
-KIND, SCHEMA = "field", 1
+KIND, SCHEMA = "planar_decoder", 1
 CONDITIONED, DEFORMED = "conditioned", "deformed"
 
 
-class DeformationField(nn.Module):
-    """Decoder of planar Gaussians, conditioned or deformed (``kind``), and its image size."""
+@dataclass(frozen=True)
+class DecoderArchitecture:
+    """Kind and sizes of a planar decoder, and the limits of a deformed one.
 
-    def __init__(self, kind: str, n: int, d: int, config: FieldConfig, *, height: int, width: int) -> None:
+    Raises:
+        ValueError: there is no such kind.
+    """
+
+    kind: str
+    n_gaussians: int
+    d: int
+    height: int  # of the image [px]
+    width: int
+    hidden: int  # width of the network's hidden layers
+    shift_limit: float  # of a centre [px]
+    shape_limit: float  # of the logarithm of a size
+
+    def __post_init__(self) -> None:
+        if self.kind not in (CONDITIONED, DEFORMED):
+            raise ValueError(f"there is no decoder {self.kind!r}: choose {CONDITIONED} or {DEFORMED}")
+
+
+class PlanarDecoder(nn.Module):
+    """Decoder of planar Gaussians, conditioned on the latent or deformed by it."""
+
+    def __init__(self, architecture: DecoderArchitecture) -> None:
         super().__init__()
-        self.kind, self.height, self.width = kind, height, width
+        self.architecture = of = architecture
+        self.kind, self.height, self.width = of.kind, of.height, of.width
         self.gaussians: Gaussians | DeformedGaussians
-        if kind == CONDITIONED:
-            self.gaussians = Gaussians(n, d)
-        elif kind == DEFORMED:
-            limits = {"shift_limit": config.shift_limit * width / 2, "shape_limit": config.shape_limit}
-            self.gaussians = DeformedGaussians(n, d, hidden=config.hidden, **limits)
+        if of.kind == CONDITIONED:
+            self.gaussians = Gaussians(of.n_gaussians, of.d)
         else:
-            raise ValueError(f"there is no decoder {kind!r}: choose {CONDITIONED} or {DEFORMED}")
+            limits = {"shift_limit": of.shift_limit, "shape_limit": of.shape_limit}
+            self.gaussians = DeformedGaussians(of.n_gaussians, of.d, hidden=of.hidden, **limits)
 
     def slices(self, z: Latents) -> list[GaussianSlice]:
         """Slices of the latents: a single one if all share their shapes, else one per latent."""
@@ -58,22 +80,22 @@ class DeformationField(nn.Module):
         return self.gaussians.jacobian(z)
 
 
-class DeformationFitReport(NamedTuple):
+class PlanarFitReport(NamedTuple):
     """Training time [s], and mean loss over the last tenth of the steps."""
 
     wall_s: float
     loss: float
 
 
-def fit_deformation_field(
+def fit_planar_decoder(
     kind: str,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
-    config: FieldConfig,
+    config: PlanarDecoderConfig,
     stage1: Stage1Config,
     *,
     seed: int,
-) -> tuple[DeformationField, DeformationFitReport]:
+) -> tuple[PlanarDecoder, PlanarFitReport]:
     """Fit a decoder of one kind to the training frames at their frozen raw latents.
 
     Both kinds start from the same planar Gaussians and use the same losses, batches, optimiser and step
@@ -86,9 +108,9 @@ def fit_deformation_field(
     Source: paper, Appendix "Deformation-Field Decoder at Equal Budget".
     """
     begin = time.monotonic()
-    field = start_deformation_field(kind, frames, latents, config, stage1, seed=seed)
+    decoder = start_planar_decoder(kind, frames, latents, config, stage1, seed=seed)
     stored, table = torch.from_numpy(np.array(frames)), torch.as_tensor(latents, dtype=torch.float32)
-    parameters = dict(field.gaussians.named_parameters())
+    parameters = dict(decoder.gaussians.named_parameters())
     network = [parameters.pop(name) for name in list(parameters) if name.startswith(("trunk", "head"))]
     optimizer = torch.optim.Adam(group_parameters(network, parameters, stage1.rate))
     losses = []
@@ -97,7 +119,7 @@ def fit_deformation_field(
             rng = np.random.default_rng([seed, step])
             picked = torch.as_tensor(rng.integers(len(stored), size=config.batch))
             set_rates(optimizer, stage1.rate, step=step, steps=config.steps)
-            loss = _loss(field, table[picked], to_images(stored[picked]), stage1)
+            loss = _loss(decoder, table[picked], to_images(stored[picked]), stage1)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
@@ -107,38 +129,47 @@ def fit_deformation_field(
                 what = f"the {kind} decoder diverged at step {step}: the loss is {losses[-1]}"
                 raise FloatingPointError(f"{what}. Lower stage1.rate.*")
     last = float(np.mean(losses[-max(1, len(losses) // 10) :]))
-    return field.eval(), DeformationFitReport(time.monotonic() - begin, last)
+    return decoder.eval(), PlanarFitReport(time.monotonic() - begin, last)
 
 
-def start_deformation_field(
+def start_planar_decoder(
     kind: str,
     frames: Frames,
     latents: Float64[np.ndarray, "T d"],
-    config: FieldConfig,
+    config: PlanarDecoderConfig,
     stage1: Stage1Config,
     *,
     seed: int,
-) -> DeformationField:
+) -> PlanarDecoder:
     """Build an untrained decoder; with equal seeds both kinds hold the same planar Gaussians."""
     torch.manual_seed(seed)
     _, height, width, _ = frames.shape
-    n, d = config.n_gaussians, latents.shape[1]
-    field = DeformationField(kind, n, d, config, height=height, width=width)
-    planar = Gaussians(n, d)
+    architecture = DecoderArchitecture(
+        kind=kind,
+        n_gaussians=config.n_gaussians,
+        d=latents.shape[1],
+        height=height,
+        width=width,
+        hidden=config.hidden,
+        shift_limit=config.shift_limit * width / 2,
+        shape_limit=config.shape_limit,
+    )
+    decoder = PlanarDecoder(architecture)
+    planar = Gaussians(architecture.n_gaussians, architecture.d)
     reference = np.asarray(frames[0]) / 255.0
     place_gaussians(planar, reference, latents, stage1.init, np.random.default_rng(seed))
-    own = field.gaussians.state_dict()
+    own = decoder.gaussians.state_dict()
     shared = {name: value for name, value in planar.state_dict().items() if name in own}
-    field.gaussians.load_state_dict({**own, **shared})
-    if isinstance(field.gaussians, DeformedGaussians):
-        field.gaussians.latent_mean.copy_(torch.as_tensor(latents.mean(axis=0)))
-        field.gaussians.latent_spread.copy_(torch.as_tensor(np.maximum(latents.std(axis=0), 1e-6)))
-    return field
+    decoder.gaussians.load_state_dict({**own, **shared})
+    if isinstance(decoder.gaussians, DeformedGaussians):
+        decoder.gaussians.latent_mean.copy_(torch.as_tensor(latents.mean(axis=0)))
+        decoder.gaussians.latent_spread.copy_(torch.as_tensor(np.maximum(latents.std(axis=0), 1e-6)))
+    return decoder
 
 
-def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
-    slices, loss = field.slices(z), stage1.loss
-    drawn = field.draw(slices, backend=stage1.backend)
+def _loss(decoder: PlanarDecoder, z: Latents, images: Images, stage1: Stage1Config) -> Tensor:
+    slices, loss = decoder.slices(z), stage1.loss
+    drawn = decoder.draw(slices, backend=stage1.backend)
     total = photometric_loss(drawn, images, loss)
     if loss.anisotropy:
         terms = [anisotropy(scene.covariance, limit=loss.anisotropy_limit) for scene in slices]
@@ -146,19 +177,21 @@ def _loss(field: DeformationField, z: Latents, images: Images, stage1: Stage1Con
     return total
 
 
-def save_deformation_field(path: StrPath, field: DeformationField, header: Mapping[str, Any]) -> None:
-    """Write the weights of a decoder with its header."""
-    shape = {"kind": field.kind, "height": field.height, "width": field.width}
-    save_artifact(path, field.state_dict(), {"kind": KIND, "schema": SCHEMA, **header, "field": shape})
+def save_planar_decoder(path: StrPath, decoder: PlanarDecoder, header: Mapping[str, Any]) -> None:
+    """Write the weights of a decoder with its architecture and a header."""
+    header = {"kind": KIND, "schema": SCHEMA, **header, "architecture": asdict(decoder.architecture)}
+    save_artifact(path, decoder.state_dict(), header)
 
 
-def load_deformation_field(
-    path: StrPath, config: FieldConfig, *, d: int
-) -> tuple[DeformationField, dict[str, Any]]:
-    """Read a decoder and its header."""
+def load_planar_decoder(path: StrPath) -> tuple[PlanarDecoder, dict[str, Any]]:
+    """Read a decoder and its header; every setting comes from the file.
+
+    Raises:
+        ValueError: the file is no such decoder, or one of another schema.
+    """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
-    field = DeformationField(n=config.n_gaussians, d=d, config=config, **header["field"])
-    return restore_module(field, tensors, path), header
+    decoder = PlanarDecoder(DecoderArchitecture(**header["architecture"]))
+    return restore_module(decoder, tensors, path), header
 
 
 class DeformedGaussians(nn.Module):
