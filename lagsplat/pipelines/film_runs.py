@@ -17,6 +17,7 @@ from lagsplat.diagnose.core.result import Finding
 from lagsplat.diagnose.imaging.video_checks import drop_unusable_frames
 from lagsplat.io.files.atomic import sha256_of
 from lagsplat.io.files.lease import hold_lease
+from lagsplat.io.files.user_cache import locate_in_cache
 from lagsplat.io.read import read_recording
 from lagsplat.io.recording.inputs import add_inputs
 from lagsplat.io.recording.recording import Recording, load_recording
@@ -28,7 +29,7 @@ from lagsplat.io.video.proposal import IMAGE_MODEL, choose_frame_size, propose_s
 from lagsplat.pipelines.diagnosis_videos import HELD_OUT
 from lagsplat.pipelines.real_videos import read_real_video
 from lagsplat.pipelines.steps import reading_overrides
-from lagsplat.provenance import code_digest, set_threads, sha256_hex
+from lagsplat.provenance import code_digest, set_threads
 from lagsplat.report.inspection.log import suggest_overrides
 from lagsplat.runs.fit import fit_run
 from lagsplat.video_quality.assessment import LEAST_FRAMES, LEVELS
@@ -38,7 +39,6 @@ FITTING_CODE = ("lagsplat.runs.fit", "lagsplat.io.video.proposal", "lagsplat.io.
 FILM_TITLE = "film"
 """The title of a system of which nothing is known but its film."""
 OF_ALL_FRAMES = ("flicker", "sampling")  # findings on a film that no cut removes
-DIGEST_DIGITS = 16  # of the name of a folder: enough that no two runs share one
 
 
 def fit_film(
@@ -125,8 +125,7 @@ def _locate_run(film: DataSource, experiment: Config) -> Path:
     settings = asdict(experiment)
     settings["recording"]["path"] = None  # a film that was moved is the same film
     key = json.dumps([film.kind, contents, settings, code_digest(*FITTING_CODE)], sort_keys=True)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    return cache / "lagsplat" / "runs" / sha256_hex(key.encode())[:DIGEST_DIGITS]
+    return locate_in_cache("runs", key)
 
 
 def _describe_run(film: DataSource, folder: Path, config: DiagnoseConfig) -> Finding:

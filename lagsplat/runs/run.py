@@ -4,6 +4,7 @@ A run is a folder with one file a stage. In the workflow's results several runs 
 stages, which then lie up to two folders higher.
 """
 
+import json
 import logging
 import os
 from dataclasses import asdict, dataclass
@@ -16,6 +17,8 @@ from jaxtyping import Float64
 
 from lagsplat.chart.chart import Chart, load_chart
 from lagsplat.config.compose import compose
+from lagsplat.io.files.atomic import sha256_of
+from lagsplat.io.files.user_cache import locate_in_cache
 from lagsplat.io.recording.recording import Recording, load_recording
 from lagsplat.matter.config import MatterConfig
 from lagsplat.matter.field import MatterField, MatterReport, load_matter, save_matter
@@ -63,24 +66,37 @@ class FittedRun:
     def matter(self) -> MatterField:
         """How the matter of its film moves; found now, in about a minute, if it was not when it was fitted.
 
+        What is found of a run in a folder is kept in the user's cache; no folder of a run is written to.
+
         Raises:
             ValueError: nothing moves near the mean state, or the film is too short.
         """
-        views, folder, config = None, self.folder, compose().matter
-        if folder is not None:
-            try:
-                return load_matter(locate_artefact(folder, "matter"))[0]
-            except FileNotFoundError:
-                log.warning("%s: no matter.safetensors: looking for bodies in the film", folder)
-            if self.autoencoder.gaussians.space == 3:
-                views = load_views(locate_artefact(folder, "views"))
-        matter, report = find_matter(self.recording, self.autoencoder, self.chart, config, views=views)
-        if folder is None:
-            return matter
-        header = {"config": {"matter": asdict(config)}, "code": code_digest(__name__)}
-        beside = locate_artefact(folder, "chart").parent
-        save_matter(beside / "matter.safetensors", matter, header, report)
-        return matter
+        if self.folder is None:
+            return find_matter(self.recording, self.autoencoder, self.chart, compose().matter)[0]
+        try:
+            return load_matter(locate_artefact(self.folder, "matter"))[0]
+        except FileNotFoundError:
+            return _find_matter_once(self, self.folder)
+
+
+def _find_matter_once(run: FittedRun, folder: Path) -> MatterField:
+    """The matter of a run without it, found now or, of the same files, settings and code, before."""
+    config, in_space = compose().matter, run.autoencoder.gaussians.space == 3
+    names = ("recording", "autoencoder", "chart", *(("views",) if in_space else ()))
+    files = {name: locate_artefact(folder, name) for name in names}
+    header = {"config": {"matter": asdict(config)}, "code": code_digest(__name__)}
+    key = json.dumps([header, [sha256_of(file) for file in files.values()]], sort_keys=True)
+    kept = locate_in_cache("matter", key).with_suffix(".safetensors")
+    if kept.is_file():
+        return load_matter(kept)[0]
+    log.warning("%s: no matter.safetensors: looking for bodies in the film", folder)
+    views = load_views(files["views"]) if in_space else None
+    matter, report = find_matter(run.recording, run.autoencoder, run.chart, config, views=views)
+    try:
+        save_matter(kept, matter, header, report)
+    except OSError as error:
+        log.warning("the matter is not kept, and will be looked for again: %s", error)
+    return matter
 
 
 def find_matter(

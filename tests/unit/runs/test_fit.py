@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+import lagsplat.runs.run
 from lagsplat.config.compose import compose
 from lagsplat.pipelines.steps import evaluate, find_lever, hold, push, read_protocol
 from lagsplat.runs.fit import fit_run
@@ -27,7 +28,8 @@ SMALL = (
 
 
 @pytest.mark.slow
-def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
+def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     experiment = compose(*SMALL)
     made = fit_run(experiment, out=tmp_path / "run", header={"config": asdict(experiment)})
     assert not (tmp_path / "run" / "checkpoint" / "state.pt").exists()
@@ -41,9 +43,13 @@ def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
     assert np.linalg.norm(pushed[-1] - pushed[0]) > 0.05 * held.visited_radius
 
     (tmp_path / "run" / "matter.safetensors").unlink()  # as of a run that is older than matter
+    before = list_files(tmp_path / "run")
     found = open_run(tmp_path / "run" / "below").matter
     assert torch.equal(found.points, run.matter.points)
-    assert (tmp_path / "run" / "matter.safetensors").is_file()
+    assert list_files(tmp_path / "run") == before
+    with monkeypatch.context() as patch:
+        patch.setattr(lagsplat.runs.run, "find_matter", None)  # found once
+        assert torch.equal(open_run(tmp_path / "run").matter.points, found.points)
 
     q, v = rollout(run, np.zeros((9, 2)), frame=None)
     assert q.shape == v.shape == (9, 2)
@@ -59,6 +65,11 @@ def test_a_fit_can_be_opened_pushed_and_scored(tmp_path: Path) -> None:
     assert evaluate(tmp_path / "run", "evaluate.starts=3")["scores"]["ae_floor"] > 0
     with pytest.raises(ValueError, match="a run keeps its settings"):
         read_protocol(tmp_path / "run", ["stage2.steps=3"])
+
+
+def list_files(folder: Path) -> dict[Path, int]:
+    """Every file below a folder and when it was written."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
 
 
 def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
