@@ -14,7 +14,7 @@ from lagsplat.project import find_project
 from lagsplat.setting_checks import require_least
 from lagsplat.stage1.config import PlanarDecoderConfig, RenderConfig, Stage1Config
 from lagsplat.stage2.config import Stage2Config
-from lagsplat.systems.config import PlantsConfig, ReleaseConfig, SimulationConfig
+from lagsplat.systems.config import PlantedRecordingsConfig, ReleaseConfig, SimulationConfig
 from lagsplat.viewer.config import ViewerConfig
 from lagsplat.views.config import ViewsConfig
 
@@ -40,7 +40,7 @@ class SystemConfig:
     """What is known of a mechanism before anything is learned."""
 
     title: str  # how captions and tables call it
-    film: str  # kind of its filmed recording: `krauss` or `video`
+    film_kind: str  # of its filmed recording: `krauss` or `video`
     d: int  # latent dimension: its number of degrees of freedom
     n_gaussians: int
     batch: int  # frames a step of stage 1: fewer where frames are large
@@ -132,7 +132,7 @@ class Config:
     diagnose: DiagnoseConfig
     blind: BlindConfig
     calibration: CalibrationConfig
-    planted: PlantsConfig  # effects to be found again: what the second recordings of a simulated arm have
+    planted: PlantedRecordingsConfig
     viewer: ViewerConfig
 
     def __post_init__(self) -> None:

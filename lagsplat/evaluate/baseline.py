@@ -21,7 +21,7 @@ from lagsplat.chart.trajectory import read_time_base
 from lagsplat.chart.visibility import measure_visibility
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import make_picture_reader, score
-from lagsplat.evaluate.protocol import STENCILS, EvaluationSubject, HeldOut, Pictures, Velocities
+from lagsplat.evaluate.protocol import STENCILS, EvaluationSeries, EvaluationSubject, Pictures, Velocities
 from lagsplat.io.recording.recording import Recording
 
 CHUNK = 128  # images encoded or rendered at once: bounds memory, not results
@@ -87,7 +87,7 @@ def make_baseline_subject(
 
 def read_held_out(
     baseline: Baseline, recording: Recording, pictures: Pictures, config: EvaluateConfig
-) -> HeldOut:
+) -> EvaluationSeries:
     """Encode the held-out part with this model: latents not smoothed, inputs stacked with their delays."""
     train, part = recording.split()
     samples, first = baseline.architecture.samples, train.n_frames
@@ -97,7 +97,7 @@ def read_held_out(
     z = encode(baseline, make_picture_reader(recording, first=0), np.sort(sample))
     visible = measure_visibility(lambda q: baseline.decode(q.float()), z, step=STEP)
     fed = stack_delays(recording.inputs, samples=samples, segments=recording.segments)
-    return HeldOut(
+    return EvaluationSeries(
         encoded=latents,
         latents=latents,
         forcing=fed[first:],

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64, Int64
 from lagsplat.evaluate import protocol
 from lagsplat.evaluate.aggregate import group_windows, jackknife_interval
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut, squared_norm
+from lagsplat.evaluate.protocol import EvaluationSeries, EvaluationSubject, squared_norm
 
 BAND = (16.0, 84.0)  # percentiles over starts
 LEAST = 3  # fewest states of a rollout whose error is given over time
@@ -150,12 +150,14 @@ def latent_forecast(subject: EvaluationSubject, config: EvaluateConfig, *, perio
     }
 
 
-def state_spread(held: HeldOut) -> float:
+def state_spread(held: EvaluationSeries) -> float:
     """Mean squared distance of the encoded states from their mean, in the visibility metric."""
     return float(squared_norm(held.latents - held.latents.mean(axis=0), held.metric).mean())
 
 
-def state_errors(held: HeldOut, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray) -> np.ndarray:
+def state_errors(
+    held: EvaluationSeries, pinned: np.ndarray, gone: np.ndarray, encoded: np.ndarray
+) -> np.ndarray:
     """Squared error of each state against the ``encoded`` one; a diverged one takes the larger of the pinned
     and the mean state's.
     """

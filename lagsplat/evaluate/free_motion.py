@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.modes import Mode, fit_modes
-from lagsplat.evaluate.protocol import HeldOut, Integrate, has_diverged, initial_states, squared_norm
+from lagsplat.evaluate.protocol import EvaluationSeries, Integrate, has_diverged, initial_states, squared_norm
 from lagsplat.evaluate.spectrum import Peak, find_spectral_peak, resample_evenly
 from lagsplat.stage2.equilibrium import NoEquilibriumError, linearize_modes
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -40,7 +40,7 @@ class FreeWindow:
     diverged: bool
 
 
-def find_free_segments(held: HeldOut, config: EvaluateConfig) -> list[tuple[int, int]]:
+def find_free_segments(held: EvaluationSeries, config: EvaluateConfig) -> list[tuple[int, int]]:
     """Half-open ranges of frames over which no input changes, longest first.
 
     On the measured inputs after the skip, never across clips: every change from frame to frame below
@@ -72,7 +72,7 @@ def _still(inputs: np.ndarray, rate: float, excursion: float) -> list[tuple[int,
 
 
 def cut_free_windows(
-    held: HeldOut, integrate: Integrate, config: EvaluateConfig
+    held: EvaluationSeries, integrate: Integrate, config: EvaluateConfig
 ) -> tuple[list[FreeWindow], str]:
     """Every usable window of free motion, and a sentence saying why there is none (empty otherwise).
 
@@ -113,7 +113,7 @@ def _rms(series: np.ndarray, metric: np.ndarray) -> float:
 
 
 def _roll_out(
-    held: HeldOut, integrate: Integrate, starts: np.ndarray, length: int, config: EvaluateConfig
+    held: EvaluationSeries, integrate: Integrate, starts: np.ndarray, length: int, config: EvaluateConfig
 ) -> list[FreeWindow]:
     # A window may end with the clip: the three frames of its velocity stencil still lie inside it.
     q0, v0 = initial_states(held, starts)
@@ -131,16 +131,16 @@ def _roll_out(
     return windows
 
 
-def _measure(held: HeldOut, start: int, states: np.ndarray, config: EvaluateConfig) -> FreeMotion:
+def _measure(held: EvaluationSeries, start: int, states: np.ndarray, config: EvaluateConfig) -> FreeMotion:
     even = resample_evenly(states, held.clock, start=start)
     return FreeMotion(states, _peak(held, even, config), _modes(held, even, config))
 
 
-def _peak(held: HeldOut, even: np.ndarray, config: EvaluateConfig) -> Peak:
+def _peak(held: EvaluationSeries, even: np.ndarray, config: EvaluateConfig) -> Peak:
     return find_spectral_peak(even, dt_s=held.dt_s, metric=held.metric, min_cycles=config.window_min_cycles)
 
 
-def _modes(held: HeldOut, even: np.ndarray, config: EvaluateConfig) -> tuple[Mode, ...]:
+def _modes(held: EvaluationSeries, even: np.ndarray, config: EvaluateConfig) -> tuple[Mode, ...]:
     return fit_modes(even, dt_s=held.dt_s, metric=held.metric, most=config.decay_modes)
 
 

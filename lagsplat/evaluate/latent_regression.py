@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from lagsplat.evaluate.protocol import (
-    HeldOut,
+    EvaluationSeries,
     Integrate,
     choose_evenly,
     initial_states,
@@ -28,7 +28,7 @@ MOST_POINTS = 400  # of a Gaussian process: its fit takes their cube
 States = Float64[np.ndarray, "B n"]
 
 
-def select_frames(train: HeldOut, *, ahead: int) -> np.ndarray:
+def select_frames(train: EvaluationSeries, *, ahead: int) -> np.ndarray:
     """Training frames of which the velocity is known and which have ``ahead`` frames after them.
 
     Raises:
@@ -65,14 +65,14 @@ def iterate(
 
 
 def list_pairs(
-    train: HeldOut, frames: Int64[np.ndarray, " k"]
+    train: EvaluationSeries, frames: Int64[np.ndarray, " k"]
 ) -> tuple[States, States, Float64[np.ndarray, "B n_f"]]:
     """States with velocities at the frames, one frame later, and the inputs at the frames."""
     now, after = (np.hstack(initial_states(train, at)) for at in (frames, frames + 1))
     return now, after, train.forcing[frames]
 
 
-def fit_linear_law(train: HeldOut) -> Integrate:
+def fit_linear_law(train: EvaluationSeries) -> Integrate:
     """Least squares for the next state and velocity, linear in both and in the inputs, with a constant.
 
     Source: dynamic mode decomposition with control, DOI 10.1137/15M1013857.
@@ -82,7 +82,7 @@ def fit_linear_law(train: HeldOut) -> Integrate:
     return iterate(lambda state, driven: np.hstack([state, driven, np.ones((len(state), 1))]) @ law)
 
 
-def fit_koopman_law(train: HeldOut, *, horizon: int) -> Integrate:
+def fit_koopman_law(train: EvaluationSeries, *, horizon: int) -> Integrate:
     """A linear law of monomials of state and velocity, driven linearly by the inputs.
 
     The degree of the monomials is the one whose law, fitted without the last fifth of the training frames,
@@ -112,7 +112,7 @@ def _measure_scale(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values.mean(axis=0), np.where(spread > 0, spread, 1.0)
 
 
-def _fit_lifted(train: HeldOut, frames: Int64[np.ndarray, " k"], degree: int) -> Integrate:
+def _fit_lifted(train: EvaluationSeries, frames: Int64[np.ndarray, " k"], degree: int) -> Integrate:
     now, after, inputs = list_pairs(train, frames)
     center, spread = _measure_scale(now)
     powers = list_exponents(now.shape[1], lowest=0, highest=degree).numpy()
@@ -130,7 +130,7 @@ def _fit_lifted(train: HeldOut, frames: Int64[np.ndarray, " k"], degree: int) ->
     )
 
 
-def fit_gaussian_process(train: HeldOut) -> Integrate:
+def fit_gaussian_process(train: EvaluationSeries) -> Integrate:
     """Gaussian processes for the change of state and velocity over a frame, rolled out by their means.
 
     Squared-exponential kernels with a length for each variable and the noise's level by maximum likelihood.

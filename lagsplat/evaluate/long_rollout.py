@@ -15,7 +15,7 @@ from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.evaluate import make_integrator, make_picture_reader
 from lagsplat.evaluate.forecast import image_errors, state_errors, state_spread
 from lagsplat.evaluate.free_motion import compare_frequency, cut_free_windows, measure_natural_period
-from lagsplat.evaluate.protocol import HeldOut, list_series, pin_diverged, roll_out, select_held_out
+from lagsplat.evaluate.protocol import EvaluationSeries, list_series, pin_diverged, roll_out, select_held_out
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 from lagsplat.stage2.lagrangian import Lagrangian
@@ -97,7 +97,7 @@ class FigureWindow:
     ``boundary`` is the first held-out frame, counted from the start of the window; 0 if all are held out.
     """
 
-    series: HeldOut
+    series: EvaluationSeries
     offset: int
     start: int
     stop: int

@@ -29,8 +29,8 @@ STENCILS = {"forward": (1, 2), "central": (-2, -1, 1, 2), "neighbours": (-1, 1)}
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """The held-out part of a recording, as the scores use it.
+class EvaluationSeries:
+    """A part of a recording in the form that scores and laws of latents use, most often the held-out one.
 
     ``encoded`` and ``forcing`` are smoothed, for initial states and forcing. ``latents`` and ``inputs`` are
     as encoded and measured; forecasts are compared with these, which no frame ahead has made smoother. Scores
@@ -74,7 +74,7 @@ class HeldOut:
 
     @property
     def n_frames(self) -> int:
-        """Number of held-out frames, including skipped ones."""
+        """Number of frames, including skipped ones."""
         return self.encoded.shape[0]
 
     @property
@@ -93,13 +93,13 @@ class EvaluationSubject:
     d: int
     dynamics: str
     external_force: str
-    held: HeldOut
+    held: EvaluationSeries
     pictures: Pictures
     render: Render
     integrate: Integrate
 
 
-def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
+def select_held_out(chart: Chart, config: EvaluateConfig) -> EvaluationSeries:
     """The held-out part of a chart, smoothed once for every score with the chart's smoothing.
 
     Raises:
@@ -117,13 +117,13 @@ def select_held_out(chart: Chart, config: EvaluateConfig) -> HeldOut:
 
 def list_series(
     chart: Chart, part: EncodedTrajectory, *, skip: int = 0, velocity: str = "central"
-) -> HeldOut:
+) -> EvaluationSeries:
     """The ``part`` of a chart in the form that the scores use, from frame ``skip`` on.
 
     ``velocity`` names the stencil of initial velocities, one of `STENCILS`.
     """
     smooth = part.smoothed(chart.smoothing_frames)
-    return HeldOut(
+    return EvaluationSeries(
         encoded=smooth.latents,
         latents=part.latents,
         forcing=smooth.inputs,
@@ -137,7 +137,7 @@ def list_series(
     )
 
 
-def explain_shortage(held: HeldOut, *, length: int, margin: int) -> str:
+def explain_shortage(held: EvaluationSeries, *, length: int, margin: int) -> str:
     """Why no rollout of ``length`` states fits into a scored clip; empty where one does."""
     span = max(length + margin, 3)
     start, stop = held.longest
@@ -150,7 +150,9 @@ def explain_shortage(held: HeldOut, *, length: int, margin: int) -> str:
     )
 
 
-def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: int) -> Int64[np.ndarray, " B"]:
+def draw_starts(
+    held: EvaluationSeries, *, length: int, margin: int, count: int, seed: int
+) -> Int64[np.ndarray, " B"]:
     """Random start frames whose ``length`` states and velocity stencil stay within one clip, none twice.
 
     On a single clip these are ``default_rng(seed).integers(skip, T - length - margin, size=count)``, with
@@ -170,7 +172,7 @@ def draw_starts(held: HeldOut, *, length: int, margin: int, count: int, seed: in
 
 
 def initial_states(
-    held: HeldOut, starts: Int64[np.ndarray, " B"]
+    held: EvaluationSeries, starts: Int64[np.ndarray, " B"]
 ) -> tuple[Float64[np.ndarray, "B d"], Float64[np.ndarray, "B d"]]:
     """Encoded states and velocities [whitened units per second] at the start frames.
 
@@ -188,7 +190,9 @@ def cut_windows(
     return series[starts[:, None] + np.arange(length)]
 
 
-def roll_out(held: HeldOut, integrate: Integrate, starts: Int64[np.ndarray, " B"], states: int) -> Rollouts:
+def roll_out(
+    held: EvaluationSeries, integrate: Integrate, starts: Int64[np.ndarray, " B"], states: int
+) -> Rollouts:
     """Rollouts of so many ``states`` from the encoded states at the starts, under the recorded inputs."""
     q0, v0 = initial_states(held, starts)
     return integrate(q0, v0, cut_windows(held.forcing, starts, states), held.clock.steps_s(starts, states))

@@ -20,7 +20,7 @@ from lagsplat.evaluate.latent_regression import (
     fit_linear_law,
     select_frames,
 )
-from lagsplat.evaluate.protocol import HeldOut, Integrate, initial_states, list_series, squared_norm
+from lagsplat.evaluate.protocol import EvaluationSeries, Integrate, initial_states, list_series, squared_norm
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 
@@ -95,7 +95,7 @@ def _divide_by_floor(scores: dict[str, Any], floor: float | None) -> None:
         scores["scores"]["image_ratio"] = scores["latent"]["image_mse"] / floor
 
 
-def make_neighbour_search(train: HeldOut) -> Integrate:
+def make_neighbour_search(train: EvaluationSeries) -> Integrate:
     """What followed the training frame that is nearest in state, velocity and the inputs to come.
 
     Distances are shares of the training part's own variance, of states and velocities in the visibility

@@ -37,7 +37,7 @@ def is_undetermined(covariance: Float64[np.ndarray, "n n"], moved_px: float) -> 
 
 
 def measure_answer_spread(
-    held: OperatingPoint,
+    point: OperatingPoint,
     draws: Float64[np.ndarray, "m p"],
     load: Load,
     points: MaterialPoints,
@@ -51,16 +51,16 @@ def measure_answer_spread(
     ``reference`` goes as far along its way as under the most likely law.
 
     Args:
-        held: the most likely law at rest.
+        point: the most likely law at rest.
         draws: parameters of laws (`lagsplat.stage2.fit.load_parameter_draws`).
         load: of ``B`` rows.
         points: one for each row.
         reference: a push of one row.
     """
-    rest, poked, loaded = (_find_equilibria(held, each, held.rest) for each in (None, reference, load))
+    rest, poked, loaded = (_find_equilibria(point, each, point.rest) for each in (None, reference, load))
     best = _displace(reference.points, poked, rest)[0]
     stronger = ScaledLoad(reference, 1.0 + NUDGE)
-    nudged = _displace(reference.points, _find_equilibria(held, stronger, poked), rest)[0]
+    nudged = _displace(reference.points, _find_equilibria(point, stronger, poked), rest)[0]
 
     def find_excess(displacement: Float[Tensor, " n"]) -> float:
         """How much further than the most likely law's the pushed point went, along its way [share]."""
@@ -71,16 +71,16 @@ def measure_answer_spread(
 
     def measure(bodies: tuple[BodyMotion, ...]) -> Float[Tensor, "B n"]:
         # equilibria of a law so near start from those of the most likely one, whose branch they are on
-        own, poke = _find_equilibria(held, None, rest), reference.moved_by(bodies)
-        moved = _displace(poke.points, _find_equilibria(held, poke, poked), own)[0]
+        own, poke = _find_equilibria(point, None, rest), reference.moved_by(bodies)
+        moved = _displace(poke.points, _find_equilibria(point, poke, poked), own)[0]
         scaled = ScaledLoad(load.moved_by(bodies), 1.0 - find_excess(moved) / slope)
-        return _displace(points.moved_by(bodies), _find_equilibria(held, scaled, loaded), own) - ways
+        return _displace(points.moved_by(bodies), _find_equilibria(point, scaled, loaded), own) - ways
 
-    over_laws = _measure_over_laws(held, draws, lambda: measure(held.matter.bodies))
+    over_laws = _measure_over_laws(point, draws, lambda: measure(point.matter.bodies))
     if over_laws is None:
         return None
     changes = list(over_laws / len(over_laws) ** 0.5)
-    for bodies in list_deviated(held.matter.bodies):
+    for bodies in list_deviated(point.matter.bodies):
         with suppress(*NO_EQUILIBRIUM):
             changes.append(measure(bodies))
     spread = torch.stack(changes)
@@ -88,29 +88,29 @@ def measure_answer_spread(
 
 
 def measure_stiffness_spread(
-    held: OperatingPoint, draws: Float64[np.ndarray, "m p"]
+    point: OperatingPoint, draws: Float64[np.ndarray, "m p"]
 ) -> Float64[np.ndarray, "k d d"] | None:
     """Changes of the static stiffness at rest over drawn laws [energy], by the delta method; None of too few.
 
     Args:
-        held: the most likely law at rest.
+        point: the most likely law at rest.
         draws: parameters of laws (`lagsplat.stage2.fit.load_parameter_draws`).
     """
 
     def compute() -> Float[Tensor, "d d"]:
-        rest = find_equilibrium(held.law, held.u, held.rest)
-        return compute_static_stiffness(held.law, rest[None], held.u[None])[0]
+        rest = find_equilibrium(point.law, point.u, point.rest)
+        return compute_static_stiffness(point.law, rest[None], point.u[None])[0]
 
     usual = compute()
-    changes = _measure_over_laws(held, draws, lambda: compute() - usual)
+    changes = _measure_over_laws(point, draws, lambda: compute() - usual)
     return None if changes is None else changes.numpy()
 
 
 def _measure_over_laws(
-    held: OperatingPoint, draws: Float64[np.ndarray, "m p"], measure: Callable[[], Tensor]
+    point: OperatingPoint, draws: Float64[np.ndarray, "m p"], measure: Callable[[], Tensor]
 ) -> Float[Tensor, "k ..."] | None:
     """Changes that laws a small step of the way to the drawn ones make, per step; the law is restored."""
-    parameters = ParameterVector(held.law)
+    parameters = ParameterVector(point.law)
     theta, changes = parameters.read(), []
     try:
         for each in draws:
@@ -122,10 +122,10 @@ def _measure_over_laws(
     return torch.stack(changes) if len(changes) >= FEWEST else None
 
 
-def _find_equilibria(held: OperatingPoint, load: Load | None, start: Tensor) -> Float[Tensor, "B d"]:
+def _find_equilibria(point: OperatingPoint, load: Load | None, start: Tensor) -> Float[Tensor, "B d"]:
     """Equilibria under each row of a load, or at rest, under a law as it is now."""
-    inputs = held.u.expand(1 if load is None else len(load), -1)
-    return find_loaded_equilibria(held.law, inputs, load, start=start)
+    inputs = point.u.expand(1 if load is None else len(load), -1)
+    return find_loaded_equilibria(point.law, inputs, load, start=start)
 
 
 def _displace(

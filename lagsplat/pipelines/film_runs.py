@@ -109,7 +109,7 @@ def _compose_settings(film: DataSource, config: DiagnoseConfig) -> Config:
     else:
         words += reading_overrides(path)
     if film.kind in ("video", "mcap"):
-        words += ["system.film=video", "evaluate=default"]
+        words += ["system.film_kind=video", "evaluate=default"]
         words += [f"system.{key}={value}" for key, value in IMAGE_MODEL.items()]
     experiment = compose(*words, f"system.d={config.film_d}")
     # the base system is an arm of the public archive

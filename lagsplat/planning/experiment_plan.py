@@ -55,7 +55,7 @@ class ExperimentPlan:
 
     def krauss_runs(self) -> list[Run]:
         """Runs of the pneumatic arms, whose benchmark has a table of its own."""
-        return [run for run in self.runs() if self.section("system.film")(run) == "krauss"]
+        return [run for run in self.runs() if self.section("system.film_kind")(run) == "krauss"]
 
     def main_runs(self) -> list[Run]:
         """Runs of the dynamics that a system is shown with, hence no ablation."""

@@ -158,7 +158,7 @@ def planned_masses(overrides: Overrides) -> list[PlannedRun]:
     runs = []
     for run in planned_runs(overrides):
         own = compose_for(overrides, system=run.system)
-        if own.system.film == "krauss" and run.stage2 == own.choices["stage2"]:
+        if own.system.film_kind == "krauss" and run.stage2 == own.choices["stage2"]:
             runs += [replace(run, stage2=name) for name in MASSES]
     for run in runs:
         compose_for(overrides, system=run.system, stage2=run.stage2)
@@ -185,7 +185,7 @@ def planned_baselines(overrides: Overrides) -> list[PlannedBaseline]:
     runs = []
     for system in shared_experiment(overrides).systems:
         own = compose_for(overrides, system=system)
-        for name in dict.fromkeys(own.baselines if own.system.film == "krauss" else ()):
+        for name in dict.fromkeys(own.baselines if own.system.film_kind == "krauss" else ()):
             weights_of(overrides, system=system, baseline=name)
             place = (own.choices["profile"], own.choices["recording"], system, name)
             runs += [PlannedBaseline(*place, seed) for seed in own.baseline_seeds]
@@ -203,7 +203,7 @@ def planned_extrapolations(overrides: Overrides) -> tuple[list[PlannedRun], list
     extrapolated = shared_experiment(overrides).extrapolated
     for system in _unless_left_out(overrides, "extrapolated", extrapolated):
         own = compose_for(overrides, system=system)
-        if own.system.film != "video":
+        if own.system.film_kind != "video":
             raise ConfigError(
                 f"extrapolated={own.extrapolated}: {system} is driven by its inputs, which a forecaster of "
                 "pictures does not know; choose systems that move freely"

@@ -88,7 +88,7 @@ class SimulationConfig:
 
 
 @dataclass
-class PlantedConfig:
+class PlantedEffectConfig:
     """Effects injected into one recording and absent from the nominal arm; zeros change nothing."""
 
     tip_mass: float  # added to the tip cap [kg]
@@ -100,7 +100,7 @@ class PlantedConfig:
 
 
 @dataclass
-class PlantsConfig:
+class PlantedRecordingsConfig:
     """Second recordings of an arm, ``n_frames`` each, driven by ``seed``; one for each of ``effects``.
 
     The key is the name under which a diagnosis should find the effect, or ``none``.
@@ -108,7 +108,7 @@ class PlantsConfig:
 
     n_frames: int
     seed: int
-    effects: dict[str, PlantedConfig]
+    effects: dict[str, PlantedEffectConfig]
 
     def __post_init__(self) -> None:
         rule = "is the drive that the simulation was fitted to: choose another"

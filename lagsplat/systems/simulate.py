@@ -11,7 +11,7 @@ from lagsplat.io.files.atomic import sha256_of_arrays
 from lagsplat.io.recording.recording import Recording
 from lagsplat.systems import chain
 from lagsplat.systems.arm import Arm, build_arm
-from lagsplat.systems.config import PlantedConfig, ReleaseConfig, SimulationConfig
+from lagsplat.systems.config import PlantedEffectConfig, ReleaseConfig, SimulationConfig
 from lagsplat.systems.dynamics import Series, Vector, integrate_motion
 from lagsplat.systems.pressures import draw_pressures, lag_input, spline_coefficients
 from lagsplat.systems.release import simulate_release
@@ -79,7 +79,9 @@ def simulate(config: SimulationConfig, *, seed: int) -> tuple[Recording, Truth]:
     return recording, truth
 
 
-def simulate_planted(config: SimulationConfig, planted: PlantedConfig, *, seed: int, scene: int) -> Recording:
+def simulate_planted(
+    config: SimulationConfig, planted: PlantedEffectConfig, *, seed: int, scene: int
+) -> Recording:
     """A recording of the arm with injected effects, before the background of the seed ``scene``.
 
     Its inputs are the commanded pressures with gauge noise; lagged pressures and effects are hidden. ``seed``

@@ -156,8 +156,8 @@ def gathered(chosen, output):
     def files(wildcards):
         if not chosen():
             kinds = {
-                plan.krauss_runs: "a pneumatic arm (system.film=krauss)",
-                plan.mass_runs: "a pneumatic arm (system.film=krauss)",
+                plan.krauss_runs: "a pneumatic arm (system.film_kind=krauss)",
+                plan.mass_runs: "a pneumatic arm (system.film_kind=krauss)",
                 plan.true_runs: "simulated",
             }
             raise WorkflowError(

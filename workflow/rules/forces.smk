@@ -71,7 +71,7 @@ rule force:
         runtime=10,
     params:
         cfg=lambda wildcards: section("forces")(plan.pushed(wildcards.mechanism)),
-        hanging=lambda wildcards: section("system.film")(
+        hanging=lambda wildcards: section("system.film_kind")(
             plan.pushed(wildcards.mechanism)
         )
         == "krauss",

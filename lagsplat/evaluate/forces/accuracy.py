@@ -35,14 +35,16 @@ class GraspedPoints:
 
 
 def choose_grasps(
-    held: OperatingPoint, places: Float64[np.ndarray, "P n"], *, radius: float
+    point: OperatingPoint, places: Float64[np.ndarray, "P n"], *, radius: float
 ) -> GraspedPoints:
     """The matter under a brush of ``radius`` [px] on each material point."""
-    points, usable = follow_places(held.matter, held.rest, torch.from_numpy(places), radius=radius)
+    points, usable = follow_places(point.matter, point.rest, torch.from_numpy(places), radius=radius)
     return GraspedPoints(points, usable.numpy())
 
 
-def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read) -> dict[str, Any]:
+def compare_answers(
+    point: OperatingPoint, pokes: KnownForces, *, radius: float, read: Read
+) -> dict[str, Any]:
     """Errors of the static answers, ready for JSON, with a brush of ``radius`` [px].
 
     Law and truth get the same force on the same material point; the energy scale comes from one poke, that
@@ -57,9 +59,9 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
         NoScaleError: no matter was found at the points, or the law answers the reference poke in the wrong
             direction.
     """
-    grasps, inside = choose_grasps(held, pokes.places, radius=radius), pokes.distance <= 1.0
-    scale, others = compare_scales(held, pokes, grasps)
-    errors = compute_errors(held, pokes, grasps, scale, read)
+    grasps, inside = choose_grasps(point, pokes.places, radius=radius), pokes.distance <= 1.0
+    scale, others = compare_scales(point, pokes, grasps)
+    errors = compute_errors(point, pokes, grasps, scale, read)
     levels = []
     for i, level in enumerate(pokes.levels):
         row = summarize_errors(errors, np.arange(len(pokes.levels)) == i)
@@ -83,7 +85,7 @@ def compare_answers(held: OperatingPoint, pokes: KnownForces, *, radius: float, 
 
 
 def compare_scales(
-    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints
+    point: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints
 ) -> tuple[float, Float64[np.ndarray, " n"]]:
     """The energy scale by the reference poke, and those by the other pokes at its level.
 
@@ -98,7 +100,7 @@ def compare_scales(
     for i in (order[j] for j in choose_evenly(len(order), OTHERS)):
         push = push_points(pokes, grasps, np.array([i]), level, scale=1.0)
         try:
-            scales.append(fit_energy_scale(held, push, observed, pokes.ways[i, level][usable]))
+            scales.append(fit_energy_scale(point, push, observed, pokes.ways[i, level][usable]))
         except NoScaleError:
             if not scales:
                 raise
@@ -121,17 +123,17 @@ def push_points(
 
 
 def compute_errors(
-    held: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, scale: float, read: Read
+    point: OperatingPoint, pokes: KnownForces, grasps: GraspedPoints, scale: float, read: Read
 ) -> Errors:
     """Every error of every poke for an energy ``scale``; NaN where there is no true answer or no grasp."""
-    usable, rest = grasps.usable, held.rest.numpy()
+    usable, rest = grasps.usable, point.rest.numpy()
     known = usable[pokes.point][:, None] & np.isfinite(pokes.distance)
-    states = np.full((*known.shape, held.law.d), np.nan)
+    states = np.full((*known.shape, point.law.d), np.nan)
     for level in range(known.shape[1]):
         rows = np.flatnonzero(known[:, level])
-        states[rows, level] = held.equilibria(push_points(pokes, grasps, rows, level, scale=scale)).numpy()
+        states[rows, level] = point.equilibria(push_points(pokes, grasps, rows, level, scale=scale)).numpy()
     carried = grasps.follow(states) - grasps.follow(rest)
-    flat = states.reshape(-1, held.law.d)
+    flat = states.reshape(-1, point.law.d)
     pictured = (read(flat) - read(rest[None])).reshape(pokes.ways.shape)
     errors: Errors = {}
     pushed = pokes.point[:, None, None, None]

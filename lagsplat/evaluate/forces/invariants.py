@@ -28,7 +28,7 @@ ANGLES = (0.7, 2.3)  # directions of the two forces that are added [rad]
 BEND = 0.1  # cubic part of the coordinates in which an equilibrium is solved again
 
 
-def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, Any]:
+def force_invariants(point: OperatingPoint, config: ForcesConfig) -> dict[str, Any]:
     """The paper's checks on one run, ready for JSON.
 
     All forces have one size: the one that drives the state ``forces.response`` of the visited range away at
@@ -45,18 +45,18 @@ def force_invariants(held: OperatingPoint, config: ForcesConfig) -> dict[str, An
 
     Source: paper, "Applying forces".
     """
-    scene, radius = held.find_moving_parts(), config.brush * held.width
-    grips = _on(held, scene, radius)
-    best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian(held.rest), 2)))
-    along = _easiest(held, best)
-    size = held.find_force_size(best, along, share=config.response)
+    scene, radius = point.find_moving_parts(), config.brush * point.width
+    grips = _on(point, scene, radius)
+    best = max(grips, key=lambda grip: float(torch.linalg.matrix_norm(grip.jacobian(point.rest), 2)))
+    along = _easiest(point, best)
+    size = point.find_force_size(best, along, share=config.response)
     return {
         "size": size,
-        "lever": _lever(held, grips, size) if held.law.d == 1 else None,
-        "background": _background(held, grips, size, radius),
-        "superposition": _superposition(held, best, size),
-        "chart": _chart(held, best, size * along),
-        "across": _across(held, best) if held.law.d == 1 else None,
+        "lever": _lever(point, grips, size) if point.law.d == 1 else None,
+        "background": _background(point, grips, size, radius),
+        "superposition": _superposition(point, best, size),
+        "chart": _chart(point, best, size * along),
+        "across": _across(point, best) if point.law.d == 1 else None,
     }
 
 
@@ -71,29 +71,29 @@ def centre_of_rotation(grips: list[GraspPoint], q: Latent) -> Float64[np.ndarray
     return np.array([by_x, by_y]) / turn
 
 
-def _on(held: OperatingPoint, scene: MovingParts, radius: float) -> list[GraspPoint]:
+def _on(point: OperatingPoint, scene: MovingParts, radius: float) -> list[GraspPoint]:
     places = np.argwhere(scene.object)
     if not len(places):
         raise ValueError("no point of the object can be taken hold of: nothing moves in the picture")
     chosen = places[choose_evenly(len(places), POINTS)]
-    return [held.grasp((column + 0.5, row + 0.5), radius=radius) for row, column in chosen.tolist()]
+    return [point.grasp((column + 0.5, row + 0.5), radius=radius) for row, column in chosen.tolist()]
 
 
-def _easiest(held: OperatingPoint, grip: GraspPoint) -> Float64[np.ndarray, "2"]:
-    return torch.linalg.svd(grip.jacobian(held.rest))[0][:, 0].numpy()
+def _easiest(point: OperatingPoint, grip: GraspPoint) -> Float64[np.ndarray, "2"]:
+    return torch.linalg.svd(grip.jacobian(point.rest))[0][:, 0].numpy()
 
 
 def _answers(
-    held: OperatingPoint, grips: list[GraspPoint], forces: Float64[np.ndarray, "n 2"]
+    point: OperatingPoint, grips: list[GraspPoint], forces: Float64[np.ndarray, "n 2"]
 ) -> Float64[np.ndarray, "n d"]:
     push = PointLoad(join_points([grip.points for grip in grips]), torch.from_numpy(forces))
-    return (held.equilibria(push) - held.rest).numpy()
+    return (point.equilibria(push) - point.rest).numpy()
 
 
-def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[str, float]:
-    centre = centre_of_rotation(grips, held.rest)
+def _lever(point: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[str, float]:
+    centre = centre_of_rotation(grips, point.rest)
     arms = np.array([float(grip.at[0]) for grip in grips]) - centre[0]
-    answers = _answers(held, grips, np.tile([0.0, size], (len(grips), 1)))[:, 0]
+    answers = _answers(point, grips, np.tile([0.0, size], (len(grips), 1)))[:, 0]
     rank = float(spearmanr(arms, answers).statistic)
     agree = float(np.mean(np.sign(answers) == np.sign(arms) * np.sign(rank)))
     low, high = answers[arms.argmin()], answers[arms.argmax()]
@@ -101,37 +101,37 @@ def _lever(held: OperatingPoint, grips: list[GraspPoint], size: float) -> dict[s
 
 
 def _background(
-    held: OperatingPoint, grips: list[GraspPoint], size: float, radius: float
+    point: OperatingPoint, grips: list[GraspPoint], size: float, radius: float
 ) -> dict[str, float | int | None]:
-    points = choose_background_points(find_changing_pixels(held), BACKGROUND, margin=2 * radius)
-    still = [held.grasp(point, radius=radius) for point in points]
-    on = _answers(held, grips, np.stack([size * _easiest(held, grip) for grip in grips]))
+    points = choose_background_points(find_changing_pixels(point), BACKGROUND, margin=2 * radius)
+    still = [point.grasp(at, radius=radius) for at in points]
+    on = _answers(point, grips, np.stack([size * _easiest(point, grip) for grip in grips]))
     typical = float(np.median(np.linalg.norm(on, axis=1)))
     if not still:
         return {"points": 0, "largest": None, "typical": typical, "ratio": None}
-    off = [_answers(held, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
+    off = [_answers(point, still, np.tile(size * np.eye(2)[i], (len(still), 1))) for i in range(2)]
     largest = float(np.linalg.norm(np.concatenate(off), axis=1).max())
     largest = largest if largest > ROUNDING * typical else 0.0
     ratio = typical / largest if largest > 0.0 else None
     return {"points": len(still), "largest": largest, "typical": typical, "ratio": ratio}
 
 
-def find_changing_pixels(held: OperatingPoint) -> Bool[np.ndarray, "H W"]:
+def find_changing_pixels(point: OperatingPoint) -> Bool[np.ndarray, "H W"]:
     """Pixels whose colour changes with the visited states, as they are drawn; matter takes no part."""
-    states = held.chart.train.latents
-    drawn = held.render_images(torch.from_numpy(states[choose_evenly(len(states), STATES)]))
+    states = point.chart.train.latents
+    drawn = point.render_images(torch.from_numpy(states[choose_evenly(len(states), STATES)]))
     change = drawn.std(0).max(2)
     return change > STILL * change.max()
 
 
-def _superposition(held: OperatingPoint, grip: GraspPoint, size: float) -> dict[str, float]:
+def _superposition(point: OperatingPoint, grip: GraspPoint, size: float) -> dict[str, float]:
     parts = size * np.stack([[np.cos(angle), np.sin(angle)] for angle in ANGLES])
     three = np.concatenate([parts, parts.sum(0)[None]])
-    loads = grip.pull_back(torch.from_numpy(three), held.rest).numpy()
+    loads = grip.pull_back(torch.from_numpy(three), point.rest).numpy()
     return {
         "force": _excess(loads),
-        "answer": _excess(_answers(held, [grip] * 3, three)),
-        "small_answer": _excess(_answers(held, [grip] * 3, SMALL * three)),
+        "answer": _excess(_answers(point, [grip] * 3, three)),
+        "small_answer": _excess(_answers(point, [grip] * 3, SMALL * three)),
     }
 
 
@@ -139,18 +139,18 @@ def _excess(three: Float64[np.ndarray, "3 d"]) -> float:
     return float(np.linalg.norm(three[2] - three[0] - three[1]) / np.linalg.norm(three, axis=1).max())
 
 
-def _chart(held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
-    here = held.equilibria(PointLoad(grip.points, torch.from_numpy(force)[None]))[0]
-    there = _settle_in_bent_chart(held, grip, force)
-    pictures = held.render_images(torch.stack([here, there]))
+def _chart(point: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]) -> dict[str, float]:
+    here = point.equilibria(PointLoad(grip.points, torch.from_numpy(force)[None]))[0]
+    there = _settle_in_bent_chart(point, grip, force)
+    pictures = point.render_images(torch.stack([here, there]))
     return {
-        "state": float((here - there).norm()) / held.visited_radius,
+        "state": float((here - there).norm()) / point.visited_radius,
         "picture": float(np.abs(pictures[0] - pictures[1]).max()),
     }
 
 
 def _settle_in_bent_chart(
-    held: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]
+    point: OperatingPoint, grip: GraspPoint, force: Float64[np.ndarray, "2"]
 ) -> torch.Tensor:
     """The equilibrium under a force, solved in the coordinates ``x`` of ``q = rest + reach (x + x^3/10) A``.
 
@@ -160,10 +160,10 @@ def _settle_in_bent_chart(
 
     Source: paper, Appendix "Invariance to the latent chart".
     """
-    rng, d = np.random.default_rng(0), held.law.d
+    rng, d = np.random.default_rng(0), point.law.d
     turns = [np.linalg.qr(rng.standard_normal((d, d)))[0] for _ in range(2)]
-    mixing = held.visited_radius * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
-    ready, rest = held.law.prepare(), held.rest.numpy()
+    mixing = point.visited_radius * turns[0] @ np.diag(rng.uniform(0.6, 1.7, d)) @ turns[1]
+    ready, rest = point.law.prepare(), point.rest.numpy()
 
     def back(x: np.ndarray) -> np.ndarray:
         return rest + (x + BEND * x**3) @ mixing
@@ -172,14 +172,14 @@ def _settle_in_bent_chart(
         stretch = (1.0 + 3.0 * BEND * x**2)[:, None] * mixing  # row i: dq / dx_i
         with torch.no_grad():
             q = torch.from_numpy(back(x))
-            elastic = held.law.conservative_force(q[None], held.u[None], ready)
+            elastic = point.law.conservative_force(q[None], point.u[None], ready)
         return -(stretch @ elastic[0].numpy() + (grip.jacobian(q).numpy() @ stretch.T).T @ force)
 
     def value(x: np.ndarray) -> float:
         q = torch.from_numpy(back(x))
         with torch.no_grad():
             return float(
-                compute_loaded_energy(held.law, q[None], held.u[None])[0]
+                compute_loaded_energy(point.law, q[None], point.u[None])[0]
                 - torch.from_numpy(force) @ grip.place(q)
             )
 
@@ -187,8 +187,8 @@ def _settle_in_bent_chart(
     return torch.from_numpy(back(root(slope, near, tol=1e-13).x))
 
 
-def _across(held: OperatingPoint, grip: GraspPoint) -> float:
-    along = _easiest(held, grip)
+def _across(point: OperatingPoint, grip: GraspPoint) -> float:
+    along = _easiest(point, grip)
     across = torch.tensor([-along[1], along[0]])
-    felt = grip.pull_back(across, held.rest).norm()
-    return float(felt / torch.linalg.matrix_norm(grip.jacobian(held.rest), 2))
+    felt = grip.pull_back(across, point.rest).norm()
+    return float(felt / torch.linalg.matrix_norm(grip.jacobian(point.rest), 2))

@@ -33,7 +33,7 @@ FELT = 1e-3  # smallest remainder of a unit vector across the motion for which a
 
 
 def measure_forces(
-    held: OperatingPoint,
+    point: OperatingPoint,
     config: ForcesConfig,
     *,
     truth: Truth | None,
@@ -50,39 +50,41 @@ def measure_forces(
     Raises:
         ValueError: nothing moves in the image.
     """
-    in_space = held.matter.space == 3
-    invariants = None if in_space else force_invariants(held, config)
-    result: dict[str, Any] = {"d": held.law.d, "invariants": invariants, "truth": None}
+    in_space = point.matter.space == 3
+    invariants = None if in_space else force_invariants(point, config)
+    result: dict[str, Any] = {"d": point.law.d, "invariants": invariants, "truth": None}
     if truth is not None:
         system = make_pushable(
-            driven, released, pressure=held.u.numpy(), points=config.points, in_space=in_space
+            driven, released, pressure=point.u.numpy(), points=config.points, in_space=in_space
         )
         try:
-            result["truth"] = compare_forces_with_truth(held, system, truth, config)
+            result["truth"] = compare_forces_with_truth(point, system, truth, config)
         except NoScaleError as error:
             result["truth"] = {"refused": str(error)}
     return result
 
 
 def compare_forces_with_truth(
-    held: OperatingPoint, system: Pushable, truth: Truth, config: ForcesConfig
+    point: OperatingPoint, system: Pushable, truth: Truth, config: ForcesConfig
 ) -> dict[str, Any]:
     """Static answers, answers in time and first motions, against those of the true equations.
 
     True coordinates are read from latents by a map that is fitted to the training frames.
     """
-    smooth, rest = held.chart.train.smoothed(held.chart.smoothing_frames).latents, held.rest.numpy()
+    smooth, rest = point.chart.train.smoothed(point.chart.smoothing_frames).latents, point.rest.numpy()
     to_states = fit_polynomial(smooth, truth.states[: len(smooth)])
     slope = differentiate(to_states, rest).T
-    radius = config.brush * held.width
-    pokes = simulate_known_forces(system, truth.states[: held.chart.n_train], config)
-    grasps = accuracy.choose_grasps(held, pokes.places, radius=radius)
-    answers = accuracy.compare_answers(held, pokes, radius=radius, read=lambda q: system.places(to_states(q)))
+    radius = config.brush * point.width
+    pokes = simulate_known_forces(system, truth.states[: point.chart.n_train], config)
+    grasps = accuracy.choose_grasps(point, pokes.places, radius=radius)
+    answers = accuracy.compare_answers(
+        point, pokes, radius=radius, read=lambda q: system.places(to_states(q))
+    )
     scale, length_s = answers["scale"], config.periods / float(truth.natural_frequencies_hz[0])
     return answers | {
-        "in_time": respond_in_time(held, system, pokes, grasps, scale=scale, length_s=length_s),
-        "energy_spans": measure_energy_spans(held, system, slope),
-        "at_once": respond_at_once(held, system, pokes, grasps) if held.law.d > 1 else None,
+        "in_time": respond_in_time(point, system, pokes, grasps, scale=scale, length_s=length_s),
+        "energy_spans": measure_energy_spans(point, system, slope),
+        "at_once": respond_at_once(point, system, pokes, grasps) if point.law.d > 1 else None,
     }
 
 
@@ -94,7 +96,7 @@ def easiest_direction(pokes: KnownForces, grasps: accuracy.GraspedPoints, level:
 
 
 def respond_in_time(
-    held: OperatingPoint,
+    point: OperatingPoint,
     system: Pushable,
     pokes: KnownForces,
     grasps: accuracy.GraspedPoints,
@@ -108,7 +110,7 @@ def respond_in_time(
     ``shape`` the same after the best factor; medians and 90th percentiles over at most `TRIALS` points.
     ``scale`` is the energy scale.
     """
-    level, dt_s = pokes.reference, held.chart.dt_s
+    level, dt_s = pokes.reference, point.chart.dt_s
     easiest = easiest_direction(pokes, grasps, level)
     chosen = [easiest[i] for i in choose_evenly(len(easiest), TRIALS)]
     time_s = dt_s * np.arange(max(3, round(length_s / dt_s) + 1))
@@ -117,14 +119,14 @@ def respond_in_time(
     push = accuracy.push_points(pokes, grasps, np.array(chosen), level, scale=scale)
     rows, steps = len(chosen), len(time_s)
     q, _ = rollout_under_force(
-        held.law,
-        held.rest.expand(rows, -1),
-        torch.zeros(rows, held.law.d, dtype=torch.float64),
-        held.u.expand(rows, steps, -1),
+        point.law,
+        point.rest.expand(rows, -1),
+        torch.zeros(rows, point.law.d, dtype=torch.float64),
+        point.u.expand(rows, steps, -1),
         [push] * (steps - 1),
         dt_s=dt_s,
     )
-    ways = (grasps.follow(q.numpy()) - grasps.follow(held.rest.numpy()))[:, :, grasps.usable]
+    ways = (grasps.follow(q.numpy()) - grasps.follow(point.rest.numpy()))[:, :, grasps.usable]
     true = true[:, :, grasps.usable]
     size = np.sqrt(np.mean(true**2, axis=(1, 2, 3)))
     error = np.sqrt(np.mean((ways - true) ** 2, axis=(1, 2, 3))) / size
@@ -138,7 +140,7 @@ def respond_in_time(
 
 
 def respond_at_once(
-    held: OperatingPoint, system: Pushable, pokes: KnownForces, grasps: accuracy.GraspedPoints
+    point: OperatingPoint, system: Pushable, pokes: KnownForces, grasps: accuracy.GraspedPoints
 ) -> dict[str, float]:
     """Shape error of the first motion, ``M^-1 J^T f``, with three masses; medians over the points.
 
@@ -149,16 +151,16 @@ def respond_at_once(
     Source: paper eq. (latent-metric), "we take the density to be uniform".
     """
     level, usable = pokes.reference, grasps.usable
-    field = grasps.points.jacobian(held.rest).numpy()
+    field = grasps.points.jacobian(point.rest).numpy()
     chosen = easiest_direction(pokes, grasps, level)
-    learned, induced = _masses_at_rest(held)
+    learned, induced = _masses_at_rest(point)
     by_share = np.einsum("p,pca,pcb->ab", system.share * usable, field, field)
-    true_mass = by_share + FLOOR * np.trace(by_share) * np.eye(held.law.d)
+    true_mass = by_share + FLOOR * np.trace(by_share) * np.eye(point.law.d)
     jacobian = system.jacobian(system.rest)
     felt = np.stack([pokes.forces[i, level] @ jacobian[pokes.point[i]] for i in chosen])
     true = np.einsum("pcd,nd->npc", jacobian, np.linalg.solve(system.mass(system.rest), felt.T).T)
     push = accuracy.push_points(pokes, grasps, np.array(chosen), level, scale=1.0)
-    loads = push.generalise(held.rest.expand(len(chosen), -1)).numpy()
+    loads = push.generalise(point.rest.expand(len(chosen), -1)).numpy()
     medians = {}
     for name, mass in (("learned", learned), ("uniform", induced), ("true", true_mass)):
         ways = np.einsum("pcd,nd->npc", field, np.linalg.solve(mass, loads.T).T)
@@ -168,7 +170,7 @@ def respond_at_once(
 
 
 def measure_energy_spans(
-    held: OperatingPoint, system: Pushable, slope: Float64[np.ndarray, "n d"]
+    point: OperatingPoint, system: Pushable, slope: Float64[np.ndarray, "n d"]
 ) -> dict[str, float] | None:
     """Ratio of the largest to the smallest eigenvalue of matrices at rest relative to the true ones.
 
@@ -179,10 +181,10 @@ def measure_energy_spans(
     stiffness and mass in each mode, slow driven motion that of stiffness and input: neither identifies the
     relative energy of two modes.
     """
-    if held.law.d == 1:
+    if point.law.d == 1:
         return None
-    learned, induced = _masses_at_rest(held)
-    elastic = compute_static_stiffness(held.law, held.rest[None], held.u[None])[0].numpy()
+    learned, induced = _masses_at_rest(point)
+    elastic = compute_static_stiffness(point.law, point.rest[None], point.u[None])[0].numpy()
     true_elastic = system.stiffness(system.rest)
     true_mass = slope.T @ system.mass(system.rest) @ slope
     return {
@@ -193,12 +195,12 @@ def measure_energy_spans(
 
 
 @torch.no_grad()
-def _masses_at_rest(held: OperatingPoint) -> tuple[np.ndarray, np.ndarray]:
+def _masses_at_rest(point: OperatingPoint) -> tuple[np.ndarray, np.ndarray]:
     """The learned mass, and the one that equally heavy material points induce."""
-    slopes = held.matter.jacobian(held.rest).numpy()
+    slopes = point.matter.jacobian(point.rest).numpy()
     induced = np.einsum("pca,pcb->ab", slopes, slopes)
-    induced += FLOOR * np.trace(induced) * np.eye(held.law.d)
-    return held.law.mass(held.rest[None])[0].numpy(), induced
+    induced += FLOOR * np.trace(induced) * np.eye(point.law.d)
+    return point.law.mass(point.rest[None])[0].numpy(), induced
 
 
 def _span(matrix: np.ndarray, reference: np.ndarray) -> float:
@@ -245,7 +247,7 @@ class SpacePush:
         }
 
 
-def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
+def push_in_space(point: OperatingPoint, config: ForcesConfig) -> SpacePush:
     """Click where the video has the largest vertical motion, and push there across the motion and down.
 
     Both forces have the size that drives the state ``forces.response`` of the visited range downwards.
@@ -255,20 +257,20 @@ def push_in_space(held: OperatingPoint, config: ForcesConfig) -> SpacePush:
 
     Source: paper, "Forces in three dimensions".
     """
-    scene = held.find_moving_parts()
+    scene = point.find_moving_parts()
     lever = np.where(scene.inner, np.linalg.norm(scene.jacobian[:, :, 1], axis=2), 0.0)
     if not lever.any():
         raise ValueError("nothing moves up or down in the picture: there is nothing to push; check stage 1")
     row, column = np.unravel_index(int(lever.argmax()), lever.shape)
     pixel = (float(column) + 0.5, float(row) + 0.5)
-    view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
-    hit = cast_ray(held.autoencoder, held.chart, held.rest, view, pixel)
-    depth = find_matter_depth(held.matter, held.rest, view, pixel, hit)
-    grip = held.grasp(place_on_ray(view, pixel, depth), radius=config.brush * held.width)
-    directions = np.stack([push_across(grip.jacobian(held.rest)), DOWN])
-    size = held.find_force_size(grip, DOWN, share=config.response)
+    view = point.autoencoder.filmed_view(point.autoencoder.gaussians.center)
+    hit = cast_ray(point.autoencoder, point.chart, point.rest, view, pixel)
+    depth = find_matter_depth(point.matter, point.rest, view, pixel, hit)
+    grip = point.grasp(place_on_ray(view, pixel, depth), radius=config.brush * point.width)
+    directions = np.stack([push_across(grip.jacobian(point.rest)), DOWN])
+    size = point.find_force_size(grip, DOWN, share=config.response)
     forces = size * np.concatenate([np.zeros((1, 3)), directions])
-    states = held.equilibria(PointLoad(grip.points, torch.from_numpy(forces)))
+    states = point.equilibria(PointLoad(grip.points, torch.from_numpy(forces)))
     return SpacePush(pixel, hit, grip, size, directions, states.numpy())
 
 

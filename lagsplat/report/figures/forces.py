@@ -159,7 +159,7 @@ def _tell_shift(shift: float) -> str:
 
 
 def compute_force_panels(
-    held: OperatingPoint,
+    point: OperatingPoint,
     config: ForcesConfig,
     *,
     hanging: bool,
@@ -176,58 +176,58 @@ def compute_force_panels(
 
     Source: paper, figures of interactive forces.
     """
-    scene, radius = held.find_moving_parts(), config.brush * held.width
+    scene, radius = point.find_moving_parts(), config.brush * point.width
     choose = _push_hanging if hanging else _push_rolling if moving_parts.has_levers(scene) else _push_swinging
-    named = choose(held, scene, config.response, radius)
+    named = choose(point, scene, config.response, radius)
     every = [pushes for _, pushes in named]
     first = stack_pushes([pushes[0] for pushes in every])
     second = [pushes[1] if len(pushes) > 1 else None for pushes in every]
     load = SummedLoad((first, stack_pushes(second))) if any(second) else first
-    states, spread = held.equilibria(load), None
+    states, spread = point.equilibria(load), None
     if draws is not None:
         reference = PointLoad(first.points[:1], first.force[:1])
-        spread = measure_answer_spread(held, draws[: config.laws], load, first.points, reference=reference)
-    scale = -(-MIN_WIDTH_PX // held.width)
-    images = held.render_images(states, scale=scale)
+        spread = measure_answer_spread(point, draws[: config.laws], load, first.points, reference=reference)
+    scale = -(-MIN_WIDTH_PX // point.width)
+    images = point.render_images(states, scale=scale)
     panels = []
     for i, ((name, pushes), q, image) in enumerate(zip(named, states, images, strict=True)):
         feet = np.stack([push.grip.place(q).numpy() for push in pushes])
         sizes = np.stack([push.size * push.direction for push in pushes])
         moved_px = float(np.linalg.norm(feet[0] - pushes[0].grip.at.numpy()))
         arrows = np.stack([feet, sizes], axis=1)
-        own, shift = None if spread is None else spread[i], (q - held.rest).numpy()
-        beyond = float(np.linalg.norm(shift)) > held.visited_radius
+        own, shift = None if spread is None else spread[i], (q - point.rest).numpy()
+        beyond = float(np.linalg.norm(shift)) > point.visited_radius
         panels.append(ForcePanel(name, shift, moved_px, arrows, image, own, beyond))
-    return ForcePanels(tuple(panels), draw_rest_mask(held, scale=scale), (held.height, held.width))
+    return ForcePanels(tuple(panels), draw_rest_mask(point, scale=scale), (point.height, point.width))
 
 
 def _push_rolling(
-    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+    point: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
 ) -> NamedPushes:
     """Levers (a)-(c), directions at one material point (d)-(f), background (g)-(i)."""
     levers = moving_parts.choose_lever_points(scene, margin=radius)
-    grips = [held.grasp(point, radius=radius) for point in levers]
+    grips = [point.grasp(at, radius=radius) for at in levers]
     far = grips[-1]
-    size = held.find_force_size(far, DOWN, share=response)
+    size = point.find_force_size(far, DOWN, share=response)
     named = [("lever", [ImagePush(grip, DOWN, size)]) for grip in grips[:3]]
     named += [("direction", [ImagePush(far, direction, size)]) for direction in (DOWN, OBLIQUE, RIGHT)]
-    return named + _push_background(held, scene, ImagePush(far, DOWN, size), radius)
+    return named + _push_background(point, scene, ImagePush(far, DOWN, size), radius)
 
 
 def _push_swinging(
-    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+    point: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
 ) -> NamedPushes:
     """Along the way of three points (a)-(c), other directions at one (d)-(f), background (g)-(i)."""
     points = moving_parts.choose_moving_points(scene, margin=radius)
-    grips = [held.grasp(point, radius=radius) for point in points]
-    ways = [find_way(grip.jacobian(held.rest)) for grip in grips]
+    grips = [point.grasp(at, radius=radius) for at in points]
+    ways = [find_way(grip.jacobian(point.rest)) for grip in grips]
     far, along = grips[-1], ways[-1]
-    size = held.find_force_size(far, along, share=response)
+    size = point.find_force_size(far, along, share=response)
     named = [("along its way", [ImagePush(grip, way, size)]) for grip, way in zip(grips, ways, strict=True)]
     across = np.array([-along[1], along[0]])
     turned = (-along, OBLIQUE[0] * (across - along), across)
     named += [("direction", [ImagePush(far, direction, size)]) for direction in turned]
-    return named + _push_background(held, scene, ImagePush(far, along, size), radius)
+    return named + _push_background(point, scene, ImagePush(far, along, size), radius)
 
 
 def find_way(jacobian: Float[Tensor, "n d"]) -> Float64[np.ndarray, " n"]:
@@ -237,26 +237,26 @@ def find_way(jacobian: Float[Tensor, "n d"]) -> Float64[np.ndarray, " n"]:
 
 
 def _push_background(
-    held: OperatingPoint, scene: moving_parts.MovingParts, push: ImagePush, radius: float
+    point: OperatingPoint, scene: moving_parts.MovingParts, push: ImagePush, radius: float
 ) -> NamedPushes:
     """The same force where the picture never moves."""
     taken = scene.object.copy()
-    taken[-round(MAX_ARROW_SHARE * held.height) :] = True  # where an arrow downwards would leave the image
+    taken[-round(MAX_ARROW_SHARE * point.height) :] = True  # where an arrow downwards would leave the image
     points = moving_parts.choose_background_points(taken, N_BACKGROUND, margin=2 * radius)
-    grips = [held.grasp(point, radius=radius) for point in points]
+    grips = [point.grasp(at, radius=radius) for at in points]
     return [("background", [ImagePush(grip, push.direction, push.size)]) for grip in grips]
 
 
 def _push_hanging(
-    held: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
+    point: OperatingPoint, scene: moving_parts.MovingParts, response: float, radius: float
 ) -> NamedPushes:
     """Across and along at the tip and the middle, either way, and two opposed forces."""
     *points, along = moving_parts.choose_hanging_points(scene)
-    middle, tip = (held.grasp(point, radius=radius) for point in points)
+    middle, tip = (point.grasp(at, radius=radius) for at in points)
     across = np.array([-along[1], along[0]])
     across = across * np.sign(across[0])
-    size = held.find_force_size(tip, across, share=response)
-    axial = held.find_force_size(tip, along, share=response)
+    size = point.find_force_size(tip, across, share=response)
+    axial = point.find_force_size(tip, along, share=response)
     named: NamedPushes = []
     for name, grip, direction, amount in (
         ("across the tip", tip, across, size),
@@ -268,7 +268,7 @@ def _push_hanging(
     return [*named, ("opposed", [ImagePush(middle, -across, size), ImagePush(tip, across, size)])]
 
 
-def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
+def draw_space_push(point: OperatingPoint, push: SpacePush, *, title: str) -> Figure:
     """Draw rest, the force across the motion and the force downwards, each from three viewpoints.
 
     Arrows start where the pushed matter has come to. They have one length in space, whatever the size of the
@@ -276,9 +276,9 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
 
     Source: paper, Figure "Applying a force inside the 3D scene".
     """
-    height, width = held.height, held.width
+    height, width = point.height, point.width
     length = ARROW_SHARE * min(height, width)
-    cameras = [turn_camera(held, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
+    cameras = [turn_camera(point, yaw, pitch) for yaw, pitch in VIEW_ANGLES_DEG]
     q = torch.from_numpy(push.states)
     names = ("no force", "a force across the motion", "a force downwards")
     with paper_style():
@@ -286,14 +286,14 @@ def draw_space_push(held: OperatingPoint, push: SpacePush, *, title: str) -> Fig
         figure = new_figure(PAGE_IN, 3 * (side * height / width + 0.12) + 0.35, title=title)
         axes = figure.subplots(3, 3, squeeze=False)
         for column, (camera, (yaw, pitch)) in enumerate(zip(cameras, VIEW_ANGLES_DEG, strict=True)):
-            images = held.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
+            images = point.render_images(q, scale=SUPERSAMPLING, view=make_view([camera]))
             for row, (axis, image) in enumerate(zip(axes[:, column], images, strict=True)):
                 _show(axis, image, (height, width))
                 if row:
                     foot = push.grip.place(q[row]).numpy()
                     start, stop = camera.project(np.stack([foot, foot + length * push.directions[row - 1]]))
                     _draw_force(axis, start, stop - start)
-                    if np.linalg.norm(push.states[row] - push.states[0]) > held.visited_radius:
+                    if np.linalg.norm(push.states[row] - push.states[0]) > point.visited_radius:
                         add_badge(axis, BEYOND)
                 text = (
                     f"yaw {_tell_angle(yaw)}, pitch {_tell_angle(pitch)}"
@@ -310,11 +310,11 @@ def _tell_angle(degrees: float) -> str:
     return f"{degrees:+.0f}°".replace("-", MINUS) if degrees else "0°"
 
 
-def turn_camera(held: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
+def turn_camera(point: OperatingPoint, yaw_deg: float, pitch_deg: float) -> Camera:
     """Turn the camera of the recording about the pivot of the coordinates of space [degree]."""
-    view = held.autoencoder.filmed_view(held.autoencoder.gaussians.center)
+    view = point.autoencoder.filmed_view(point.autoencoder.gaussians.center)
     focal, middle = tuple(view.focal[0].tolist()), tuple(view.middle[0].tolist())
-    size = {"height": held.height, "width": held.width}
+    size = {"height": point.height, "width": point.width}
     front = Camera(rotation=np.eye(3), position=np.zeros(3), focal=focal, middle=middle, **size)
     return orbit_camera(front, focal[0], yaw_deg=yaw_deg, pitch_deg=pitch_deg)
 

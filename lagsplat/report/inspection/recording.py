@@ -8,7 +8,7 @@ import numpy as np
 
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.free_motion import find_free_segments
-from lagsplat.evaluate.protocol import HeldOut
+from lagsplat.evaluate.protocol import EvaluationSeries
 from lagsplat.io.config import RecordingConfig
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.video.proposal import IMAGE_MODEL, fit_frame, propose_settings
@@ -75,7 +75,7 @@ def _describe_gaps(recording: Recording) -> str:
 def _describe_free(recording: Recording, config: EvaluateConfig) -> str:
     still, inputs = np.zeros((recording.n_frames, 1)), recording.inputs
     clips, dt_s = recording.segments, recording.dt_s
-    whole = HeldOut(still, still, inputs, inputs, clips, metric=np.eye(1), dt_s=dt_s, skip=0)
+    whole = EvaluationSeries(still, still, inputs, inputs, clips, metric=np.eye(1), dt_s=dt_s, skip=0)
     segments = [
         f"frames {start} to {stop} ({(stop - start) * recording.dt_s:.1f} s)"
         for start, stop in find_free_segments(whole, config)[:MAX_LISTED]
@@ -118,7 +118,7 @@ defaults:
 
 system:
   title: {name.replace("_", " ")}
-  film: video
+  film_kind: video
   d: 1 # its number of degrees of freedom, which only you know
 {model}
 

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.linalg
 
-from lagsplat.evaluate.protocol import STENCILS, HeldOut
+from lagsplat.evaluate.protocol import STENCILS, EvaluationSeries
 
 DT_S = 0.02
 OSCILLATOR = np.array([[0.0, 1.0, 0.0], [-30.0, -0.4, 30.0], [0.0, 0.0, 0.0]])  # of (q, v, u)
@@ -20,8 +20,8 @@ def simulate(inputs: np.ndarray, state: tuple[float, float]) -> np.ndarray:
 
 def train_on(
     q: np.ndarray, inputs: np.ndarray, segments: tuple[tuple[int, int], ...] | None = None
-) -> HeldOut:
-    return HeldOut(
+) -> EvaluationSeries:
+    return EvaluationSeries(
         encoded=q,
         latents=q,
         forcing=inputs,

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 from scipy.linalg import expm
 
 from lagsplat.evaluate.config import EvaluateConfig
-from lagsplat.evaluate.protocol import EvaluationSubject, HeldOut
+from lagsplat.evaluate.protocol import EvaluationSeries, EvaluationSubject
 
 DT_S = 1001 / 60000
 DEFAULTS = Path(__file__).parents[3] / "conf" / "evaluate" / "default.yaml"
@@ -60,7 +60,7 @@ def world(*, frames: int = 1500, tail: int = 600, noise: float = 0.0, inputs: bo
     # the law is linear: states and drive scale together
     encoded = clean + noise * rng.normal(size=q.shape)
     drive = drive / q.std() if inputs else np.zeros((frames, 0))
-    held = HeldOut(
+    held = EvaluationSeries(
         encoded=encoded,
         latents=encoded,
         forcing=drive,
@@ -85,6 +85,6 @@ def subject(**changes) -> EvaluationSubject:
     return EvaluationSubject(d=2, dynamics="linear", external_force="none", **parts)
 
 
-def cut(held: HeldOut, *edges: int) -> HeldOut:
+def cut(held: EvaluationSeries, *edges: int) -> EvaluationSeries:
     """The same series, cut into clips."""
     return replace(held, segments=tuple(zip((0, *edges), (*edges, held.n_frames), strict=True)))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from lagsplat.evaluate.forecast import image_forecast
-from lagsplat.evaluate.protocol import HeldOut
+from lagsplat.evaluate.protocol import EvaluationSeries
 from tests.unit.evaluate.stand_ins import DT_S, integrate, render, settings, subject, world
 
 
-def by_hand(held: HeldOut, pictures, scale: float) -> list[float]:
+def by_hand(held: EvaluationSeries, pictures, scale: float) -> list[float]:
     """Window by window and frame by frame, as the protocol is worded."""
     errors = []
     for start in np.random.default_rng(0).integers(held.skip, held.n_frames - 30, size=12):

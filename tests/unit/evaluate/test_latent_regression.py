@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from lagsplat.evaluate.latent_regression import fit_gaussian_process, fit_koopman_law, fit_linear_law
-from lagsplat.evaluate.protocol import HeldOut, Integrate
+from lagsplat.evaluate.protocol import EvaluationSeries, Integrate
 from tests.unit.evaluate.driven_motion import DT_S, simulate, swing_pendulum, train_on
 
 LONGEST = 60  # frames ahead
 
 
-def fit_koopman(train: HeldOut) -> Integrate:
+def fit_koopman(train: EvaluationSeries) -> Integrate:
     return fit_koopman_law(train, horizon=LONGEST)
 
 
@@ -21,7 +21,11 @@ def draw_pushes(seed: int, *, scale: float = 1.0) -> np.ndarray:
 
 
 def measure_error(
-    fit: Callable[[HeldOut], Integrate], move: Callable[..., np.ndarray], *, scale: float, start: float
+    fit: Callable[[EvaluationSeries], Integrate],
+    move: Callable[..., np.ndarray],
+    *,
+    scale: float,
+    start: float,
 ) -> float:
     """Root mean square error of forecasts under new inputs, over the motion's standard deviation."""
     pushes = draw_pushes(0, scale=scale), draw_pushes(1, scale=scale)
@@ -53,12 +57,16 @@ def test_a_law_that_grows_ends_not_finite_rather_than_in_an_error() -> None:
 
 
 @pytest.mark.parametrize("fit", [fit_koopman, fit_gaussian_process])
-def test_a_law_that_could_bend_follows_a_linear_motion_as_well(fit: Callable[[HeldOut], Integrate]) -> None:
+def test_a_law_that_could_bend_follows_a_linear_motion_as_well(
+    fit: Callable[[EvaluationSeries], Integrate],
+) -> None:
     assert measure_error(fit, simulate, scale=1.0, start=1.0) < 0.06
 
 
 @pytest.mark.parametrize("fit", [fit_koopman, fit_gaussian_process])
-def test_a_law_that_can_bend_forecasts_a_pendulum_better(fit: Callable[[HeldOut], Integrate]) -> None:
+def test_a_law_that_can_bend_forecasts_a_pendulum_better(
+    fit: Callable[[EvaluationSeries], Integrate],
+) -> None:
     linear, bent = (measure_error(law, swing_pendulum, scale=3.0, start=1.0) for law in (fit_linear_law, fit))
     assert bent < 0.6 * linear
 

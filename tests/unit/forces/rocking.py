@@ -101,25 +101,25 @@ def hold_polynomial_strip() -> OperatingPoint:
     return hold_under_polynomials(hanging())
 
 
-def hold_under_polynomials(held: OperatingPoint) -> OperatingPoint:
+def hold_under_polynomials(point: OperatingPoint) -> OperatingPoint:
     """The same run under a random law of polynomials, at its rest."""
-    law = random_lagrangian(held.law.d, 1, 3, amount=0.02, terms="polynomial", map_degree=1)
-    return replace(held, law=law, rest=find_equilibrium(law, held.u))
+    law = random_lagrangian(point.law.d, 1, 3, amount=0.02, terms="polynomial", map_degree=1)
+    return replace(point, law=law, rest=find_equilibrium(law, point.u))
 
 
-def draw_springs(held: OperatingPoint, *, deviation: float) -> np.ndarray:
+def draw_springs(point: OperatingPoint, *, deviation: float) -> np.ndarray:
     """Parameters of 40 laws whose springs of the coordinate that stretches differ by this share."""
-    parameters = ParameterVector(held.law)
-    square = held.law.energy.exponents.tolist().index([0.0, 2.0])
+    parameters = ParameterVector(point.law)
+    square = point.law.energy.exponents.tolist().index([0.0, 2.0])
     draws = np.tile(parameters.read().numpy(), (40, 1))
     draws[:, int(parameters.find_columns(POTENTIAL)[square])] *= 1.0 + deviation * np.tile([-1.0, 1.0], 20)
     return draws
 
 
-def deviate_stretch(held: OperatingPoint, *, share: float) -> OperatingPoint:
+def deviate_stretch(point: OperatingPoint, *, share: float) -> OperatingPoint:
     """The same run, whose motion along the last coordinate is known up to a share."""
-    (body,) = held.matter.bodies
+    (body,) = point.matter.bodies
     deviation = torch.zeros_like(body.coefficients)
     deviation[body.d - 1] = share * body.coefficients[body.d - 1]
     bodies = (replace(body, deviations=(deviation,)),)
-    return replace(held, matter=replace(held.matter, bodies=bodies))
+    return replace(point, matter=replace(point.matter, bodies=bodies))

@@ -7,10 +7,10 @@ import pytest
 
 from lagsplat.config.compose import compose
 from lagsplat.systems.arm import build_arm
-from lagsplat.systems.config import PlantedConfig, PlantsConfig
+from lagsplat.systems.config import PlantedEffectConfig, PlantedRecordingsConfig
 from lagsplat.systems.simulate import lag_input, simulate, simulate_planted
 
-NOTHING = PlantedConfig(tip_mass=0.0, actuator_lag_s=0.0, dry_friction=0.0)
+NOTHING = PlantedEffectConfig(tip_mass=0.0, actuator_lag_s=0.0, dry_friction=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -69,4 +69,4 @@ def test_what_cannot_be_planted_is_refused():
     with pytest.raises(ValueError, match="tip_mass"):
         replace(NOTHING, tip_mass=-0.1)
     with pytest.raises(ValueError, match="choose another"):
-        PlantsConfig(n_frames=100, seed=0, effects={})
+        PlantedRecordingsConfig(n_frames=100, seed=0, effects={})

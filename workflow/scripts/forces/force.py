@@ -12,9 +12,9 @@ from lagsplat.stage2.fit import load_dynamics, load_parameter_draws
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
-    held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    point = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
     panels = compute_force_panels(
-        held,
+        point,
         job.section(ForcesConfig),
         hanging=job.params.hanging,
         draws=load_parameter_draws(job.input.run[2]),

@@ -12,8 +12,8 @@ from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
-    held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    point = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
     unknown = {"refused": "true answers are known of simulated recordings alone"}
     truth = load_json(job.input.metrics)["truth"] or unknown
-    picture = held.render_images(held.rest[None])[0]
+    picture = point.render_images(point.rest[None])[0]
     save_figures(job.output, draw_force_map(picture, truth, title=job.params.title))

@@ -14,8 +14,8 @@ from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
-    held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
-    push = push_in_space(held, job.section(ForcesConfig))
+    point = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    push = push_in_space(point, job.section(ForcesConfig))
     save_json(job.output.metrics, push.numbers() | {"made_by": job.header})
-    figure = draw_space_push(held, push, title=job.params.title)
+    figure = draw_space_push(point, push, title=job.params.title)
     save_figures((job.output.pdf, job.output.png), figure)

@@ -11,6 +11,6 @@ from lagsplat.stage2.fit import load_dynamics
 
 with Job(snakemake) as job:
     loads = (load_autoencoder, load_chart, load_dynamics, load_matter)
-    held = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
-    view = compute_push_view(held, load_recording(job.input.recording).frames)
+    point = hold_at_load(*(load(path)[0] for load, path in zip(loads, job.input.run, strict=True)))
+    view = compute_push_view(point, load_recording(job.input.recording).frames)
     save_push_animation(job.output.gif, view, title=job.params.title)

@@ -73,10 +73,10 @@ def test_a_run_in_which_nothing_moves_is_refused(parts):
 
 
 def test_points_in_space_stand_and_move_where_the_film_shows_them():
-    held = turning()
-    body = find_body_points(held.autoencoder, held.chart)
-    camera = turn_camera(held, 0.0, 0.0)
-    places = held.matter.carry(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
+    point = turning()
+    body = find_body_points(point.autoencoder, point.chart)
+    camera = turn_camera(point, 0.0, 0.0)
+    places = point.matter.carry(torch.tensor([[0.0], [1e-4]], dtype=torch.float64)).numpy()
     seen = np.stack([camera.project(at) for at in places])
     moved = (seen[1] - seen[0]) / 1e-4
     for place, jacobian in zip(body.rest, body.jacobian[:, 0], strict=True):

@@ -11,12 +11,12 @@ SETTINGS = compose().forces
 
 
 def test_a_rocker_shows_levers_directions_and_background():
-    held = rocking()
-    shown = compute_force_panels(held, SETTINGS, hanging=False)
+    point = rocking()
+    shown = compute_force_panels(point, SETTINGS, hanging=False)
     assert [panel.name for panel in shown.panels] == ["lever"] * 3 + ["direction"] * 3 + ["background"] * 3
     shifts = [panel.shift[0] for panel in shown.panels]
     assert 0 > shifts[0] > shifts[1] > shifts[2]
-    assert shifts[3] == pytest.approx(SETTINGS.response * held.visited_radius, rel=1e-2)
+    assert shifts[3] == pytest.approx(SETTINGS.response * point.visited_radius, rel=1e-2)
     assert max(abs(shift) for shift in shifts[6:]) < 1e-3 * shifts[3]
     sizes = {round(float(np.linalg.norm(panel.arrows[0, 1])), 9) for panel in shown.panels}
     assert len(sizes) == 1, "one force throughout"
