@@ -12,10 +12,10 @@ import pandas as pd
 
 from benchmarks.drawn_systems import DRIVEN
 from benchmarks.published_tables import read_rows, read_titles
+from lagsplat.evaluate.truth import AT_REST, LINEARISED, ROLLOUT
 
 ONE = ("pendulum", "rainbow_rocker", "rocking_chair")
 TWO = ("hanging_bag", "double_pendulum")
-LAW, ROLLOUT = "linearised law", "free rollout"
 PUSHED = (*ONE, "hanging_bag")  # free systems of which answers to forces are compared with the truth
 SPACE = ("rainbow_rocker_3d",)
 DRAWN = ("drawn_1", "drawn_2", "drawn_3")
@@ -41,7 +41,7 @@ class Aim(NamedTuple):
 
 def list_physics_aims() -> Iterator[Aim]:
     """The aims for mode 1 of the law at rest and of the free rollout, and for equilibria."""
-    for source in (LAW, ROLLOUT):
+    for source in (LINEARISED, ROLLOUT):
         yield Aim("free systems", (*ONE, *TWO), f"frequency, {source}", 0.005)
         yield Aim("free systems but one", (*ONE, "hanging_bag"), f"decay rate, {source}", 0.10)
         yield Aim("double pendulum", ("double_pendulum",), f"decay rate, {source}", 0.25)
@@ -68,9 +68,10 @@ def list_force_aims() -> Iterator[Aim]:
 
 
 def read_physics(folder: str = "quick_simulated_seven") -> pd.DataFrame:
-    """Errors of the learned physics of the simulated systems, by system and quantity."""
+    """Errors of mode 1, of the law at rest and of the free rollout, and of equilibria."""
     rows = read_rows(f"{folder}/truth", recording="simulated")
-    names = rows["quantity"].str.replace(" of mode 1,", ",").str.replace(r" \[.*\]", "", regex=True)
+    rows = rows[(rows["mode"].fillna(1) == 1) & (rows["state"].fillna(AT_REST) == AT_REST)]
+    names = rows["quantity"].where(rows["mode"].isna(), rows["quantity"] + ", " + rows["source"])
     return rows.assign(quantity=names, worst_seed=rows.get("error_high"))[COLUMNS]
 
 
@@ -97,7 +98,7 @@ def read_answers() -> pd.DataFrame:
 
 def find_worst(aim: Aim, errors: pd.DataFrame, column: str = "error") -> tuple[float, str] | None:
     """The largest number of these systems in a column, and whose it is; None where there is none."""
-    asked = errors["system"].isin(aim.systems) & errors["quantity"].str.startswith(aim.quantity)
+    asked = errors["system"].isin(aim.systems) & (errors["quantity"] == aim.quantity)
     found = errors[asked].dropna(subset=column)
     if found.empty:
         return None

@@ -44,7 +44,7 @@ def summarize_systems() -> Iterator[Measure]:
         ("decay rate, free rollout", "the same without the double pendulum: error of the decay rate"),
     ):
         aim, errors = next((aim, errors) for aim, errors in judged if aim.quantity == quantity)
-        asked = errors["system"].isin(aim.systems) & errors["quantity"].str.startswith(quantity)
+        asked = errors["system"].isin(aim.systems) & (errors["quantity"] == quantity)
         found = write_range(errors[asked]["error"], 100, " %")
         worst = find_worst(aim, errors, "worst_seed")
         seed = f"; worst seed {aim.write(worst[0])}" if worst else ""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -32,8 +32,20 @@ RIDGE = 1e-9
 Mode = dict[str, float]
 Triple = tuple[Mode, Mode | None, Mode | None]
 """One oscillation as found in the true motion, the rollout and the encoded motion."""
-LOADED = "law under the mean pressure"
 RATES = (("frequency_hz", "frequency", "Hz"), ("rate_per_s", "decay rate", "1/s"))
+LINEARISED, ROLLOUT = "linearised law", "free rollout"
+AT_REST = "at rest"
+
+
+class ComparedQuantity(NamedTuple):
+    """What a row is of. A mode is numbered from 1 as in the truth, a coordinate named as there."""
+
+    quantity: str
+    unit: str | None
+    source: str
+    state: str | None = None
+    mode: int | None = None
+    coordinate: str | None = None
 
 
 def compare_with_truth(
@@ -46,17 +58,17 @@ def compare_with_truth(
 ) -> dict[str, Any]:
     """Frequency and decay of the modes, and the equilibrium, each learned and true.
 
-    Each of ``rows`` has ``quantity``, ``learned``, ``truth``, ``error`` (relative, or for an equilibrium as
-    a fraction of the motion's rms), ``low`` and ``high`` (an interval that holds the truth with probability
-    0.9, where the law has ``draws``), ``extrapolated`` (whether it is of a rest state that the recording
-    hardly visits, of which intervals know nothing), ``encoded`` (the same estimator on the encoded motion,
-    whose error is the chart's) and ``residual`` (of the map to coordinates, as a fraction). None where
-    nothing was measured.
+    Each of ``rows`` has the fields of `ComparedQuantity`, ``learned``, ``truth``, ``error`` (relative, or for
+    an equilibrium as a fraction of the motion's rms), ``low`` and ``high`` (an interval that holds the truth
+    with probability 0.9, where the law has ``draws``), ``extrapolated`` (whether it is of a rest state that
+    the recording hardly visits, of which intervals know nothing), ``encoded`` (the same estimator on the
+    encoded motion, whose error is the chart's) and ``residual`` (of the map to coordinates, as a fraction).
+    None where nothing was measured.
 
-    Modes are numbered as in ``truth``; where no free window excites one, the slowest is compared. ``free
-    rollout`` and the true motion are fitted on the same windows of free motion, because frequency depends on
-    amplitude and the fit has a bias. ``linearised law`` is compared with the true eigenvalues. ``metrics``
-    is the result of `evaluate` for this run.
+    Where no free window excites a mode, the slowest is compared. ``free rollout`` and the true motion are
+    fitted on the same windows of free motion, because frequency depends on amplitude and the fit has a bias.
+    ``linearised law``, at rest or at the mean pressure, is compared with the true eigenvalues. ``metrics`` is
+    the result of `evaluate` for this run.
 
     Raises:
         ValueError: truth and chart are of recordings of different length.
@@ -73,22 +85,18 @@ def compare_with_truth(
     compared = excited if draws is None else oscillating
     rows = []
     for number in excited:
-        rows += _rolled_out(
-            [window[number] for window in windows if number in window], _name(number, oscillating)
-        )
+        rows += _rolled_out([window[number] for window in windows if number in window], number)
     still = np.zeros(lagrangian.n_inputs)
     spread = _draw(lagrangian, draws, still)
     true = {"frequency_hz": truth.damped_frequencies_hz, "rate_per_s": truth.decay_rates_per_s}
-    at_rest = _law_rows(lagrangian, still, spread, true, compared, oscillating, "linearised law")
+    at_rest = _law_rows(lagrangian, still, spread, true, compared, AT_REST)
     extrapolated = measure_rest_distance(lagrangian, chart.train) > RARE_REST
     rows += [row | {"extrapolated": extrapolated} for row in at_rest]
     if len(truth.mean_pressure):
         true = {"frequency_hz": truth.loaded_frequencies_hz, "rate_per_s": truth.loaded_decay_rates_per_s}
         held = truth.mean_pressure
         loaded = _draw(lagrangian, draws, held)
-        rows += _law_rows(
-            lagrangian, held, loaded, true, compared, oscillating, "law under the mean pressure"
-        )
+        rows += _law_rows(lagrangian, held, loaded, true, compared, "at mean pressure")
     return {"rows": rows + _equilibrium_rows(truth, chart, lagrangian, spread)}
 
 
@@ -101,18 +109,13 @@ def _draw(
     return draw_modes(ParameterVector(lagrangian), draws, torch.from_numpy(u))
 
 
-def _name(number: int, oscillating: Sequence[int]) -> str:
-    return f" of mode {number + 1}" if len(oscillating) > 1 else ""
-
-
 def _law_rows(
     lagrangian: Lagrangian,
     held: Float64[np.ndarray, " n_u"],
     spread: Sequence[LinearizedModes],
     true: dict[str, np.ndarray],
     compared: Sequence[int],
-    oscillating: Sequence[int],
-    title: str,
+    state: str,
 ) -> list[dict[str, Any]]:
     """Modes of the law under a constant input beside the true eigenvalues, with intervals from drawn laws."""
     try:
@@ -130,8 +133,8 @@ def _law_rows(
     rows = []
     for number, mode in zip(numbers, matched, strict=True):
         for i, (key, quantity, unit) in enumerate(RATES):
-            name = f"{quantity}{_name(number, oscillating)}, {title} [{unit}]"
-            row = _row(name, None if mode is None else mode[key], float(true[key][number]))
+            of = ComparedQuantity(quantity, unit, LINEARISED, state, mode=number + 1)
+            row = _row(of, None if mode is None else mode[key], float(true[key][number]))
             if mode is not None and len(intervals):
                 row |= dict(zip(("low", "high"), intervals[int(mode["at"]), i].tolist(), strict=True))
             rows.append(row)
@@ -173,7 +176,7 @@ def _matched(modes: Sequence[Mode], frequencies_hz: Sequence[float]) -> list[Mod
     return [modes[places[i]] if i in places else None for i in range(len(frequencies_hz))]
 
 
-def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
+def _rolled_out(triples: Sequence[Triple], number: int) -> list[dict[str, Any]]:
     """Medians over windows with a visible true mode; of each estimate, over those where it has one too."""
     sides = [[mode for mode in side if mode is not None] for side in zip(*triples, strict=True)]
     rows = []
@@ -181,7 +184,8 @@ def _rolled_out(triples: Sequence[Triple], name: str) -> list[dict[str, Any]]:
         true, learned, encoded = (
             float(np.median([mode[key] for mode in side])) if side else None for side in sides or ([], [], [])
         )
-        rows.append(_row(f"{quantity}{name}, free rollout [{unit}]", learned, true, encoded))
+        of = ComparedQuantity(quantity, unit, ROLLOUT, mode=number + 1)
+        rows.append(_row(of, learned, true, encoded))
     return rows
 
 
@@ -202,8 +206,10 @@ def _equilibrium_rows(
     learned = to_states(latent[None])[0]
     errors, residuals = np.abs(learned - truth.rest) / motion, missed / motion
     rows = []
-    for i, name in enumerate(truth.coordinates):
-        row = _row(f"equilibrium, {name}", float(learned[i]), float(truth.rest[i]))
+    for i, title in enumerate(truth.coordinates):
+        name, _, unit = title.removesuffix("]").partition(" [")
+        of = ComparedQuantity("equilibrium", unit or None, "law", AT_REST, coordinate=name)
+        row = _row(of, float(learned[i]), float(truth.rest[i]))
         row |= {"error": float(errors[i]), "residual": float(residuals[i])}
         if spread:
             moved = to_states(np.array([modes.equilibrium for modes in spread]))[:, i] - learned[i]
@@ -214,10 +220,10 @@ def _equilibrium_rows(
 
 
 def _row(
-    quantity: str, learned: float | None, truth: float | None, encoded: float | None = None
+    of: ComparedQuantity, learned: float | None, truth: float | None, encoded: float | None = None
 ) -> dict[str, Any]:
     error = abs(learned / truth - 1.0) if learned is not None and truth else None
-    row = {"quantity": quantity, "learned": learned, "truth": truth, "error": error, "encoded": encoded}
+    row = {**of._asdict(), "learned": learned, "truth": truth, "error": error, "encoded": encoded}
     return row | {"residual": None, "low": None, "high": None, "extrapolated": None}
 
 

@@ -1,11 +1,13 @@
 """Tables of the learned physics: against the truth, by form of the mass, beside the paper, guaranteed."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
 from lagsplat.evaluate.aggregate import aggregate
+from lagsplat.evaluate.truth import AT_REST, LINEARISED, ComparedQuantity
 from lagsplat.report.common import table_rows
 from lagsplat.report.common.formatting import format_interval, join_distinct
 from lagsplat.report.common.printed_table import (
@@ -21,8 +23,7 @@ from lagsplat.report.common.printed_table import (
 )
 from lagsplat.report.common.published_values import PAPER, RECORDING
 
-TRUTH_COLUMNS = ("system", "quantity", "learned", "truth", "error")
-LINEARISED, AT_REST = ", linearised law", ", law at rest"
+TRUTH_COLUMNS = ("system", "method", *ComparedQuantity._fields, "learned", "truth", "error")
 TRUTH_CONTEXT = ("low", "high", "extrapolated", "encoded", "residual", "recording", "profile", "n_seeds")
 
 OF_INTERVALS = (
@@ -77,7 +78,7 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
     Over several seeds every number is the median, and ``learned_low`` and ``learned_high`` are the smallest
     and the largest value, as ``error_low`` and ``error_high``; ``error`` is the median of the seeds' own
     errors. ``n_seeds`` counts the seeds in which the quantity was found. Dynamics other than the default are
-    named with the quantity. A recording without truth gives no row.
+    named with the method. A recording without truth gives no row.
 
     Raises:
         ValueError: no recording has a truth.
@@ -86,10 +87,14 @@ def build_truth_table(runs: Sequence[Mapping[str, Any]], metrics: Sequence[dict[
     for group, variants in table_rows.group_runs(runs, metrics).items():
         for stage2, members in variants.items():
             seeds = [run["truth"]["rows"] for run in members if "truth" in run]
-            changed = table_rows.name_changes(group.stage1, stage2)
-            for quantity in dict.fromkeys(row["quantity"] for seed in seeds for row in seed):
-                same = [row for seed in seeds for row in seed if row["quantity"] == quantity]
-                row: dict[str, Any] = {"system": group.system, "quantity": quantity + changed, **group.place}
+            method = "LaGSplat" + table_rows.name_changes(group.stage1, stage2)
+            quantities: dict[ComparedQuantity, list[dict[str, Any]]] = {}
+            for measured in itertools.chain.from_iterable(seeds):
+                of = ComparedQuantity(*(measured[name] for name in ComparedQuantity._fields))
+                quantities.setdefault(of, []).append(measured)
+            for of, same in quantities.items():
+                row: dict[str, Any] = {"system": group.system, "method": method, **group.place}
+                row |= of._asdict()
                 for name in ("learned", "truth", "error", "low", "high", "encoded", "residual"):
                     row[name] = table_rows.take_median(measured.get(name) for measured in same)
                 told = {measured.get("extrapolated") for measured in same} - {None}
@@ -112,19 +117,21 @@ def lay_out_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pri
 
     ``titles`` gives the name of each system.
     """
-    is_law = table["quantity"].str.contains(LINEARISED)
+    is_law = (table["source"] == LINEARISED) & (table["state"] == AT_REST)
+    # a single mode needs no number
+    table = table.assign(mode=table["mode"].where(table.groupby("system")["mode"].transform("nunique") > 1))
     seeds = " or ".join(sorted(set(table["n_seeds"].astype(str))))
     settings = (
         f"Profile {join_distinct(table['profile'])}; medians over seeds ({seeds}), brackets: their range."
     )
     columns = [
-        make_text_column("Quantity", _shorten_quantity),
+        make_text_column("Quantity", lambda row: _name_quantity(row, _name_source(row))),
         make_number_column("learned", "Learned", digits=4),
         Column("90 % interval", _write_known_range, note=OF_INTERVALS),
         make_number_column("truth", "Truth", digits=4),
         make_number_column("error", "Error", "(%)", scale=100.0, note=OF_REST),
     ]
-    law = make_text_column("Quantity", lambda row: _shorten_quantity(row).replace(AT_REST, ""))
+    law = make_text_column("Quantity", lambda row: _name_quantity(row, ""))
     more = [
         make_number_column(
             "encoded", "Encoded", digits=4, note="Encoded: read from the encoded motion by the same fit."
@@ -150,10 +157,17 @@ def lay_out_truth(table: pd.DataFrame, *, titles: Mapping[str, str]) -> list[Pri
     ]
 
 
-def _shorten_quantity(row: Row) -> str:
-    """``decay rate of mode 2, linearised law [1/s]`` as ``decay rate 2, law at rest [1/s]``."""
-    text = row["quantity"].replace(" of mode", "").replace(LINEARISED, AT_REST)
-    return str(text.replace("law under the mean", "law at mean"))
+def _name_quantity(row: Row, source: str) -> str:
+    """As ``decay rate 2, law at rest [1/s]``."""
+    text = row["quantity"] + ("" if pd.isna(row["mode"]) else f" {row['mode']:.0f}") + source
+    text += "" if pd.isna(row["unit"]) else f" [{row['unit']}]"
+    return str(text + row["method"].removeprefix("LaGSplat"))
+
+
+def _name_source(row: Row) -> str:
+    if not pd.isna(row["coordinate"]):
+        return f", {row['coordinate']}"
+    return f", {row['source']}" if pd.isna(row["state"]) else f", law {row['state']}"
 
 
 UNDETERMINED = 2.0  # ratio of the ends of an interval, from which a number is not determined

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from benchmarks import published_aims, published_sealed, published_summary, published_tables
+from lagsplat.evaluate.truth import AT_REST, LINEARISED, ROLLOUT, ComparedQuantity
 
 
 def test_counts_of_sealed_splits_are_added() -> None:
@@ -24,19 +25,20 @@ def test_counts_of_sealed_splits_are_added() -> None:
 
 def test_the_worst_median_is_compared_with_its_aim(tmp_path: Path, monkeypatch, capsys) -> None:
     rows = [
-        {"system": system, "quantity": quantity, "error": float(error), "recording": "simulated"}
+        {"system": system, **of._asdict(), "error": float(error), "recording": "simulated"}
         for error, system in enumerate(published_aims.ONE + published_aims.TWO + published_aims.DRIVEN)
-        for quantity in (
-            "frequency of mode 1, linearised law [Hz]",
-            "frequency of mode 2, linearised law [Hz]",
-            "decay rate, linearised law [1/s]",
-            "frequency, free rollout [Hz]",
-            "decay rate, free rollout [1/s]",
-            "equilibrium, angle [rad]",
+        for of in (
+            ComparedQuantity("frequency", "Hz", LINEARISED, AT_REST, mode=1),
+            ComparedQuantity("frequency", "Hz", LINEARISED, AT_REST, mode=2),
+            ComparedQuantity("frequency", "Hz", LINEARISED, "at mean pressure", mode=1),
+            ComparedQuantity("decay rate", "1/s", LINEARISED, AT_REST, mode=1),
+            ComparedQuantity("frequency", "Hz", ROLLOUT, mode=1),
+            ComparedQuantity("decay rate", "1/s", ROLLOUT, mode=1),
+            ComparedQuantity("equilibrium", "rad", "law", AT_REST, coordinate="angle"),
         )
     ]
     table = pd.DataFrame(rows)
-    table.loc[table["quantity"].str.contains("mode 2"), "error"] = 99.0
+    table.loc[(table["mode"] == 2) | (table["state"] == "at mean pressure"), "error"] = 99.0
     table["error"] /= 1000.0
     table["error_high"] = 2.0 * table["error"]
     (tmp_path / "quick_simulated_seven").mkdir()

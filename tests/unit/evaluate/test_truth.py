@@ -8,7 +8,7 @@ import pytest
 from lagsplat.evaluate.evaluate import make_integrator
 from lagsplat.evaluate.free_motion import compare_decay, compute_linear_modes, cut_free_windows
 from lagsplat.evaluate.protocol import select_held_out
-from lagsplat.evaluate.truth import compare_with_truth, fit_polynomial
+from lagsplat.evaluate.truth import AT_REST, LINEARISED, ROLLOUT, compare_with_truth, fit_polynomial
 from lagsplat.systems.truth import Truth
 from tests.unit.evaluate import tiny_run
 from tests.unit.evaluate.stand_ins import settings
@@ -64,25 +64,31 @@ def compared(chart, truth, *, frequency_hz: float = 2.0):
     law = tiny_run.lagrangian(n_inputs=0, frequency_hz=frequency_hz)
     windows = cut_free_windows(select_held_out(chart, settings()), make_integrator(law), settings())
     metrics = {"damping": compare_decay(*windows), "linear_modes": compute_linear_modes(law)}
-    rows = compare_with_truth(metrics, truth, chart, law)["rows"]
-    return {row["quantity"]: row for row in rows}
+    return by_place(compare_with_truth(metrics, truth, chart, law)["rows"])
+
+
+def by_place(rows: list[dict]) -> dict[tuple, dict]:
+    """Rows by quantity, source, and mode or coordinate; none is of a mean pressure."""
+    assert {row["state"] for row in rows} <= {AT_REST, None}
+    return {(row["quantity"], row["source"], row["mode"] or row["coordinate"]): row for row in rows}
 
 
 def test_frequency_and_decay_of_every_excited_mode(known):
     rows = compared(*known)
-    slow = rows["frequency of mode 1, free rollout [Hz]"]
+    slow = rows["frequency", ROLLOUT, 1]
+    assert slow["unit"] == "Hz"
     assert slow["learned"] == pytest.approx(2.0, rel=0.01)
     assert slow["truth"] == pytest.approx(TRUE_HZ, rel=1e-3)
     assert slow["encoded"] == pytest.approx(TRUE_HZ, rel=0.01)
     assert slow["error"] == pytest.approx(2.0 / TRUE_HZ - 1, abs=0.01)
-    decay = rows["decay rate of mode 1, linearised law [1/s]"]
+    decay = rows["decay rate", LINEARISED, 1]
     assert (decay["learned"], decay["truth"]) == pytest.approx((tiny_run.RATE_PER_S, TRUE_RATE), rel=1e-6)
-    assert rows["frequency of mode 2, linearised law [Hz]"]["truth"] == 4.1
+    assert rows["frequency", LINEARISED, 2]["truth"] == 4.1
 
 
 def test_one_learned_oscillation_stands_for_one_true_mode_only(known):
     """Both coordinates of the law oscillate alike, so that its rollout shows a single frequency."""
-    found = [compared(*known)[f"frequency of mode {n}, free rollout [Hz]"]["learned"] for n in (1, 2)]
+    found = [compared(*known)["frequency", ROLLOUT, n]["learned"] for n in (1, 2)]
     assert found[0] == pytest.approx(2.0, rel=0.01)
     assert found[1] is None or abs(found[1] - 2.0) > 0.1
 
@@ -91,20 +97,21 @@ def test_what_is_not_excited_is_not_compared(known):
     chart, truth = known
     still = replace(truth, states=truth.states.copy())
     still.states[SPLIT:, 1] = REST[1]
-    assert not any("mode 2" in quantity for quantity in compared(chart, still))
+    assert 2 not in {place[-1] for place in compared(chart, still)}
 
 
 def test_the_equilibrium_is_read_in_true_coordinates(known):
     rows = compared(*known)
     for name, rest in zip(("a", "b"), REST, strict=True):
-        row = rows[f"equilibrium, {name} [rad]"]
+        row = rows["equilibrium", "law", name]
+        assert row["unit"] == "rad"
         # the latents vanish where the angles rest, and the law rests at the origin
         assert row["learned"] == pytest.approx(rest, abs=0.02)
         assert row["truth"] == rest
         assert row["residual"] < 0.05
     chart, truth = known
     moved = replace(truth, rest=REST + np.array([0.5, 0.0]))
-    row = compared(chart, moved)["equilibrium, a [rad]"]
+    row = compared(chart, moved)["equilibrium", "law", "a"]
     assert row["error"] == pytest.approx(0.5 / truth.states[:, 0].std(), rel=0.05)
 
 
@@ -112,19 +119,18 @@ def test_without_free_motion_the_law_alone_is_compared(known):
     chart, truth = known
     law = tiny_run.lagrangian(n_inputs=0)
     metrics = {"damping": {"windows": []}, "linear_modes": compute_linear_modes(law)}
-    rows = compare_with_truth(metrics, truth, chart, law)["rows"]
-    found = {row["quantity"]: row for row in rows}
-    assert found["frequency of mode 1, free rollout [Hz]"]["learned"] is None
-    assert found["frequency of mode 1, linearised law [Hz]"]["error"] == pytest.approx(2 / 1.9 - 1, rel=1e-3)
+    found = by_place(compare_with_truth(metrics, truth, chart, law)["rows"])
+    assert found["frequency", ROLLOUT, 1]["learned"] is None
+    assert found["frequency", LINEARISED, 1]["error"] == pytest.approx(2 / 1.9 - 1, rel=1e-3)
 
 
 def test_modes_at_a_rest_state_far_from_the_data_are_extrapolated(known):
     chart, truth = known
-    name = "frequency of mode 1, linearised law [Hz]"
-    assert compared(chart, truth)[name]["extrapolated"] is False
+    place = ("frequency", LINEARISED, 1)
+    assert compared(chart, truth)[place]["extrapolated"] is False
     rows = compared(replace(chart, latents=chart.latents + 10.0), truth)
-    assert rows[name]["extrapolated"] is True
-    assert rows["equilibrium, a [rad]"]["extrapolated"] is None
+    assert rows[place]["extrapolated"] is True
+    assert rows["equilibrium", "law", "a"]["extrapolated"] is None
 
 
 def test_the_truth_of_another_recording_is_refused(known):

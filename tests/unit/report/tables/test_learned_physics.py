@@ -2,6 +2,7 @@
 
 import pytest
 
+from lagsplat.evaluate.truth import AT_REST, LINEARISED, ROLLOUT, ComparedQuantity
 from lagsplat.report.common.printed_table import format_latex
 from lagsplat.report.common.published_values import SYSTEMS
 from lagsplat.report.common.table_rows import build_rows, build_simple_rows, build_table
@@ -25,8 +26,10 @@ from tests.unit.report.tables.test_benchmark import names, run, scored
 def measured(learned: float | None) -> dict:
     """Metrics as far as the table reads them."""
     error = None if learned is None else abs(learned / 2.0 - 1.0)
-    frequency = {"quantity": "frequency, free rollout [Hz]", "learned": learned, "truth": 2.0, "error": error}
-    rest = {"quantity": "equilibrium, angle [rad]", "learned": 0.1, "truth": 0.0, "error": 0.02}
+    frequency = ComparedQuantity("frequency", "Hz", ROLLOUT, mode=1)._asdict()
+    frequency |= {"learned": learned, "truth": 2.0, "error": error}
+    rest = ComparedQuantity("equilibrium", "rad", "law", AT_REST, coordinate="angle")._asdict()
+    rest |= {"learned": 0.1, "truth": 0.0, "error": 0.02}
     rows = [{**frequency, "encoded": 2.01, "residual": None}, {**rest, "encoded": None, "residual": 0.01}]
     return {"truth": {"rows": rows}}
 
@@ -41,7 +44,7 @@ def table():
 
 
 def test_a_row_for_each_system_and_quantity_and_none_without_truth(table):
-    assert tuple(table.columns[:5]) == TRUTH_COLUMNS == ("system", "quantity", "learned", "truth", "error")
+    assert tuple(table.columns[:8]) == TRUTH_COLUMNS[:8] == ("system", "method", *ComparedQuantity._fields)
     assert table["system"].tolist() == ["pendulum"] * 2 + ["rocking_chair"] * 2
     with pytest.raises(ValueError, match="no run has a truth"):
         build_truth_table([names(0, recording="filmed")], [{}])
@@ -56,10 +59,34 @@ def test_seeds_give_a_median_and_a_range(table):
 
 
 def test_other_dynamics_are_named():
-    runs = [names(0, system="pendulum", stage2="constant")]
-    assert (
-        build_truth_table(runs, [measured(2.0)])["quantity"][0] == "frequency, free rollout [Hz] (constant)"
+    table = build_truth_table([names(0, system="pendulum", stage2="constant")], [measured(2.0)])
+    assert set(table["method"]) == {"LaGSplat (constant)"}
+    text = format_latex(lay_out_truth(table, titles={})[1])
+    assert "frequency, free rollout [Hz] (constant) &" in text
+
+
+def test_modes_are_numbered_where_there_are_several_and_the_law_at_rest_stands_first():
+    rows = [
+        ComparedQuantity("frequency", "Hz", ROLLOUT, mode=1),
+        ComparedQuantity("frequency", "Hz", LINEARISED, AT_REST, mode=1),
+        ComparedQuantity("decay rate", "1/s", LINEARISED, AT_REST, mode=2),
+        ComparedQuantity("decay rate", "1/s", LINEARISED, "at mean pressure", mode=2),
+        ComparedQuantity("equilibrium", None, "law", AT_REST, coordinate="strain 1"),
+    ]
+    measured = [{**of._asdict(), "learned": 1.0, "truth": 2.0, "error": 0.5} for of in rows]
+    table = build_truth_table([names(0, system="krauss_1seg")], [{"truth": {"rows": measured}}])
+    law, every = (
+        [line[0].text for _, lines in part.blocks for line in lines]
+        for part in lay_out_truth(table, titles={})
     )
+    assert law == ["frequency 1 [Hz]", "decay rate 2 [1/s]"]
+    assert every == [
+        "frequency 1, free rollout [Hz]",
+        "frequency 1, law at rest [Hz]",
+        "decay rate 2, law at rest [1/s]",
+        "decay rate 2, law at mean pressure [1/s]",
+        "equilibrium, strain 1",
+    ]
 
 
 def test_print(table):
