@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lagsplat.io.recording.recording import Recording
 
 FITTED_RUN_KEYS = ("input", "seconds", "frame")
-MOST_SAMPLES = 10_000_000  # samples of a simulation without inputs, at most [count]
+MOST_SAMPLES = 10_000_000  # of a simulation
 AUGMENTED_KEYS = ("input", "seconds", "initial", "input_hold")
 
 
@@ -187,12 +187,17 @@ def sample_times(seconds: str, dt_s: float) -> np.ndarray:
 
 def _simulate_run(keys: dict[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (N,) [s], states (N, d) and velocities (N, d) [1/s] of a fitted run."""
-    from lagsplat.io.files.atomic import load_inputs
+    from lagsplat.io.trajectory.inputs import interpolate_inputs, read_input_table
     from lagsplat.runs.run import open_run, rollout
 
     run = open_run(Path(keys["run"]))
     if "input" in keys:
-        time_s, inputs = load_inputs(keys["input"], dt_s=run.chart.dt_s)
+        time_s, inputs, push = read_input_table(keys["input"])
+        if push.shape[1]:
+            raise CommandError(
+                f"input={keys['input']}: a fitted run takes no f0, f1, ...; drop these columns"
+            )
+        time_s, inputs = interpolate_inputs(time_s, inputs, dt_s=run.chart.dt_s, most=MOST_SAMPLES)
     else:
         time_s = sample_times(keys.get("seconds", "10"), run.chart.dt_s)
         inputs = np.zeros((len(time_s), run.chart.inputs.shape[1]))

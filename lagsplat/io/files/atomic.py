@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 
 StrPath = str | os.PathLike[str]
 
@@ -147,26 +146,3 @@ def load_json(path: StrPath) -> dict[str, Any]:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}: not JSON ({error}); delete it and run again") from error
-
-
-def load_inputs(
-    path: StrPath, *, dt_s: float
-) -> tuple[Float64[np.ndarray, " N"], Float64[np.ndarray, "N n_u"]]:
-    """Read inputs from a CSV with columns ``t`` [s], ``u0``, ``u1``, ..., interpolated every ``dt_s``.
-
-    Raises:
-        FileNotFoundError: there is no file at ``path``.
-        ValueError: a column is missing or not a number, or the times do not increase.
-    """
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    names = [f"u{i}" for i in range(len(rows[0]) - 1)] if rows else []
-    try:
-        table = np.array([[float(row[name]) for name in ("t", *names)] for row in rows])
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}; give numbers in columns t, u0, u1, ... and no others") from error
-    if len(table) < 2 or not np.isfinite(table).all() or not (np.diff(table[:, 0]) > 0).all():
-        raise ValueError(f"{path}: give at least two rows of finite numbers, with times t that increase")
-    time_s = np.arange(table[0, 0], table[-1, 0] + 0.5 * dt_s, dt_s)
-    columns = [np.interp(time_s, table[:, 0], column) for column in table[:, 1:].T]
-    return time_s, np.stack(columns, axis=1) if columns else np.zeros((len(time_s), 0))

@@ -30,6 +30,22 @@ def read_input_table(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarr
     return time_s, _finite_block(table, names["u"]), _finite_block(table, names["f"])
 
 
+def interpolate_inputs(
+    time_s: np.ndarray, u: np.ndarray, *, dt_s: float, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times every ``dt_s`` [s] (N,) from the first to the last, and inputs (N, n_u) linearly between rows.
+
+    Raises:
+        ValueError: there would be more than ``most`` samples.
+    """
+    span_s = time_s[-1] - time_s[0]
+    if span_s > most * dt_s:
+        raise ValueError(f"inputs over {span_s:.3g} s, of which {most * dt_s:.3g} can be simulated; cut them")
+    even_s = np.arange(time_s[0], time_s[-1] + 0.5 * dt_s, dt_s)
+    columns = [np.interp(even_s, time_s, column) for column in u.T]
+    return even_s, np.stack(columns, axis=1) if columns else np.zeros((len(even_s), 0))
+
+
 def read_input_log(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) [s] and inputs (N, n_u) of a table with columns ``t``, ``u0``, ``u1``, ...
 

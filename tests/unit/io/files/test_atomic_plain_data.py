@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from lagsplat.io.files.atomic import load_inputs, load_json, save_csv, save_json
+from lagsplat.io.files.atomic import load_json, save_csv, save_json
 
 
 def test_json_comes_back(tmp_path: Path) -> None:
@@ -31,29 +30,3 @@ def test_a_table_needs_a_row_and_one_set_of_columns(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="extra"):
         save_csv(tmp_path / "a.csv", [{"a": 1}, {"a": 1, "extra": 2}])
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_inputs_are_interpolated_between_rows(tmp_path: Path) -> None:
-    (tmp_path / "u.csv").write_text("t,u0,u1\n0,0,1\n1,1,1\n3,5,1\n", encoding="utf-8")
-    time_s, inputs = load_inputs(tmp_path / "u.csv", dt_s=0.5)
-    np.testing.assert_allclose(time_s, 0.5 * np.arange(7))
-    np.testing.assert_allclose(inputs[:, 0], [0, 0.5, 1, 2, 3, 4, 5])
-    np.testing.assert_allclose(inputs[:, 1], 1)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "t,u0\n",
-        "t,u0\n0,1\n",
-        "t,u1\n0,1\n1,1\n",
-        "t,u0\n0,a\n1,1\n",
-        "t,u0\n1,1\n1,2\n",
-        "t,u0\n0,nan\n1,2\n",
-    ],
-)
-def test_unusable_inputs_name_the_file(tmp_path: Path, text: str) -> None:
-    (tmp_path / "u.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"u\.csv"):
-        load_inputs(tmp_path / "u.csv", dt_s=0.1)
