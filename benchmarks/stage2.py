@@ -36,6 +36,11 @@ def published_size() -> Lagrangian:
         diffeo_blocks=2,
         diffeo_width=64,
         diffeo_lipschitz=0.9,
+        terms="networks",
+        potential_degree=None,
+        input_degree=1,
+        matrix_degree=None,
+        map_degree=None,
     )
     ones = torch.ones(N_INPUTS, D, dtype=torch.float64)
     curvature = 0.1 * eye.expand(N_INPUTS, D, D)

@@ -25,6 +25,7 @@ def form(**changes: object) -> FormConfig:
         "potential_degree": 3,
         "input_degree": 2,
         "matrix_degree": 1,
+        "map_degree": 1,
     }
     return FormConfig(**(values | changes))
 

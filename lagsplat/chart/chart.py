@@ -16,7 +16,7 @@ from lagsplat.chart.config import ChartConfig
 from lagsplat.chart.refinement import refine_latents
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.chart.visibility import Whitening
-from lagsplat.io.files.artifact import load_artifact, save_artifact
+from lagsplat.io.files.artifact import load_artifact, require_settings, save_artifact
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents, encode_frames, to_images
 
@@ -25,7 +25,7 @@ SCHEMA = 1
 ARRAYS = ("mean", "whiten", "unwhiten", "metric", "latents", "inputs", "time_s", "rest")
 SETTINGS = (
     *("n_train", "segments", "metric_scale", "smoothing_frames", "condition", "intrinsic_dimension"),
-    *("refinement_steps", "visibility_step"),  # which older files lack: their latents are not refined
+    *("refinement_steps", "visibility_step"),
 )
 
 
@@ -56,8 +56,8 @@ class Chart(Whitening):
     smoothing_frames: float
     condition: float
     intrinsic_dimension: float
-    refinement_steps: int = 0
-    visibility_step: float = 2e-2
+    refinement_steps: int
+    visibility_step: float
 
     def encode(self, autoencoder: Autoencoder, frames: Frames) -> Series:
         """Whitened latents of other frames, found as those of the recording were."""
@@ -172,8 +172,14 @@ def save_chart(path: Path | str, chart: Chart, header: Mapping[str, Any]) -> Non
 
 
 def load_chart(path: Path | str) -> tuple[Chart, dict[str, Any]]:
-    """Read a chart and its header; errors as `lagsplat.io.files.artifact.load_artifact`."""
+    """Read a chart and its header.
+
+    Raises:
+        FileNotFoundError: there is no file at ``path``.
+        ValueError: the file is no chart, or lacks a setting.
+    """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
+    require_settings(path, header, header["chart"], SETTINGS)
     settings: dict[str, Any] = {name: tensors[name] for name in ARRAYS} | header["chart"]
     settings["segments"] = tuple((int(a), int(b)) for a, b in settings["segments"])
     return Chart(**settings), header

@@ -223,7 +223,7 @@ def load_matter(path: Path | str) -> tuple[MatterField, dict[str, Any]]:
             center=tensors[f"{i}.center"],
             ball=tensors[f"{i}.ball"],
             coefficients=tensors[f"{i}.coefficients"],
-            deviations=tuple(tensors.get(f"{i}.deviations", ())),  # which older files lack
+            deviations=tuple(tensors.get(f"{i}.deviations", ())),  # absent where none are known
             **settings,
         )
         for i, settings in enumerate(header["bodies"])

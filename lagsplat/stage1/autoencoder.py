@@ -169,5 +169,4 @@ def load_autoencoder(path: Path, *, backend: str = "auto") -> tuple[Autoencoder,
     """Read an autoencoder and its header; ``backend`` chooses the rasteriser, which is not stored."""
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     autoencoder = Autoencoder(**header["architecture"], backend=backend)
-    tensors.setdefault("encoder.bend", np.zeros(autoencoder.encoder.bend.shape))  # older files have none
     return restore_module(autoencoder, tensors, path), header

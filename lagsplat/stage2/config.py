@@ -30,13 +30,12 @@ class FormConfig:
     diffeo_blocks: int
     diffeo_width: int
     diffeo_lipschitz: float  # bound on every residual branch, below 1 so that the map is invertible
-    # with values for files from before there were polynomials
-    terms: str = "networks"  # or 'polynomial', for which none of the above counts
+    terms: str  # 'networks', or 'polynomial', for which none of the above counts
     # degrees of a polynomial law; None: as high as the number of coordinates allows
-    potential_degree: int | None = 4
-    input_degree: int = 3  # of the polynomial volume of each input
-    matrix_degree: int | None = 1  # of the frame of M and C; 0: constant
-    map_degree: int | None = 1  # of the map from latents to the coordinates of the law; 1: the latents
+    potential_degree: int | None
+    input_degree: int  # of the polynomial volume of each input
+    matrix_degree: int | None  # of the frame of M and C; 0: constant
+    map_degree: int | None  # of the map from latents to the coordinates of the law; 1: the latents
 
     @property
     def degrees(self) -> Degrees:

@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -23,7 +23,7 @@ from jaxtyping import Float, Float64
 from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
-from lagsplat.io.files.artifact import load_artifact, restore_module, save_artifact
+from lagsplat.io.files.artifact import load_artifact, require_settings, restore_module, save_artifact
 from lagsplat.stage2 import objective
 from lagsplat.stage2.amplitude import measure_quietest_frequency
 from lagsplat.stage2.config import FormConfig, Stage2Config
@@ -195,6 +195,10 @@ def fit_dynamics(
 
 
 DRAWS = "parameter_draws"
+LAW_SETTINGS = (
+    *("d", "n_inputs", "form", "floors", "time_unit_s", "longest_step", "n_primitives", "curved", "signed"),
+    "integrator",
+)
 
 
 def save_dynamics(
@@ -213,7 +217,7 @@ def save_dynamics(
         "longest_step": lagrangian.longest_step,
         "n_primitives": getattr(lagrangian.mass_term, "n_primitives", None),
         "curved": lagrangian.curvature is not None,
-        # stored only if true, as in files from before there were signed inputs
+        # absent where inputs have one sign
         **({"signed": True} if lagrangian.signed else {}),
         "integrator": lagrangian.integrator,
     }
@@ -230,11 +234,13 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
     """Read a Lagrangian and its header; every setting comes from the file.
 
     Raises:
-        ValueError: the file is no dynamics, or one of another schema.
+        ValueError: the file is no dynamics, one of another schema, or lacks a setting.
     """
     tensors, header = load_artifact(path, kind=KIND, schema=SCHEMA)
     tensors.pop(DRAWS, None)
     settings = header["dynamics"]
+    require_settings(path, header, {"signed", *settings}, LAW_SETTINGS)
+    require_settings(path, header, settings["form"], [each.name for each in fields(FormConfig)])
     d, n_inputs, k = settings["d"], settings["n_inputs"], settings["n_primitives"]
     eye, blank = torch.eye(d, dtype=torch.float64), torch.zeros(n_inputs, d, dtype=torch.float64)
     signed, input_stiffness, geometry = settings.get("signed", False), None, None
@@ -253,7 +259,7 @@ def load_dynamics(path: Path | str) -> tuple[Lagrangian, dict[str, Any]]:
         geometry=geometry,
         signed=signed,
         longest_step=settings["longest_step"],
-        integrator=settings.get("integrator", "verlet"),
+        integrator=settings["integrator"],
     )
     return restore_module(lagrangian, tensors, path), header
 

@@ -138,6 +138,8 @@ def chart() -> Chart:
         smoothing_frames=1.0,
         condition=1.0,
         intrinsic_dimension=1.0,
+        refinement_steps=0,
+        visibility_step=2e-2,
     )
 
 

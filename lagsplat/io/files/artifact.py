@@ -132,6 +132,24 @@ def read_header(path: StrPath, *, kind: str | None = None, schema: int | None = 
     return _read_metadata(path, kind, schema)[0]
 
 
+def require_settings(
+    path: StrPath, header: Mapping[str, Any], stored: Collection[str], names: Collection[str]
+) -> None:
+    """Refuse a file of which ``header`` is read where the settings ``stored`` in it are not these ``names``.
+
+    Raises:
+        ValueError: one is lacking, or unknown to this version.
+    """
+    lacking, unknown = sorted(set(names) - set(stored)), sorted(set(stored) - set(names))
+    if lacking or unknown:
+        stamped = header.get("stamp", {})
+        wrong = f"has no {', '.join(lacking)}" if lacking else f"has an unknown {', '.join(unknown)}"
+        raise ValueError(
+            f"{path}: {header['kind']!r} {wrong}; version {stamped.get('version')}, commit "
+            f"{stamped.get('commit')}, wrote it. Make the file again, or use the version that made it"
+        )
+
+
 def _read_metadata(
     path: StrPath, kind: str | None, schema: int | None
 ) -> tuple[dict[str, Any], dict[str, str] | None]:

@@ -7,6 +7,7 @@ import torch
 
 from lagsplat.chart.chart import Chart, find_rest_image, fit_chart, load_chart, save_chart
 from lagsplat.chart.config import ChartConfig
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, encode_frames
 
@@ -63,6 +64,17 @@ def test_chart_describes_the_recording_and_survives_a_file(tmp_path: Path) -> No
     for name in ("latents", "metric", "rest", "whiten"):
         np.testing.assert_array_equal(getattr(again, name), getattr(chart, name))
     assert again.metric_scale == chart.metric_scale
+
+
+def test_a_chart_without_a_setting_is_refused(tmp_path: Path) -> None:
+    _, _, chart = made()
+    path = tmp_path / "chart.safetensors"
+    save_chart(path, chart, {})
+    tensors, header = load_artifact(path)
+    del header["chart"]["refinement_steps"]
+    save_artifact(path, tensors, header)
+    with pytest.raises(ValueError, match=r"'chart' has no refinement_steps; version .* wrote it"):
+        load_chart(path)
 
 
 def test_held_out_frames_do_not_touch_the_chart() -> None:

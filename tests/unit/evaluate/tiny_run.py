@@ -111,6 +111,11 @@ def lagrangian(d: int = 2, *, n_inputs: int = 1, frequency_hz: float = FREQUENCY
         diffeo_blocks=1,
         diffeo_width=4,
         diffeo_lipschitz=0.9,
+        terms="networks",
+        potential_degree=None,
+        input_degree=1,
+        matrix_degree=None,
+        map_degree=None,
     )
     return Lagrangian(start, form=form, floors=Floors(1e-3, 1e-3, 1e-3), time_unit_s=TIME_UNIT_S, seed=0)
 

@@ -91,6 +91,8 @@ def _held(
         smoothing_frames=1.0,
         condition=1.0,
         intrinsic_dimension=float(d),
+        refinement_steps=0,
+        visibility_step=2e-2,
     )
     matter = make_linear_matter(pixels, move(pixels), bending=2)
     return hold_at_load(model.eval(), chart, lagrangian(d), matter)

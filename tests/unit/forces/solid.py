@@ -58,6 +58,8 @@ def turning(*, frames: int = 60) -> OperatingPoint:
         smoothing_frames=1.0,
         condition=1.0,
         intrinsic_dimension=1.0,
+        refinement_steps=0,
+        visibility_step=2e-2,
     )
     pixels = list_pixels(HEIGHT, WIDTH) - middle
     points = spread(pixels[pixels.norm(dim=1) < 7.0], FRONT)

@@ -36,6 +36,8 @@ def test_mass_is_the_presence_weighted_sum_of_the_decoders_jacobians() -> None:
         smoothing_frames=0.0,
         condition=1.0,
         intrinsic_dimension=2.0,
+        refinement_steps=0,
+        visibility_step=2e-2,
     )
     mass = InducedMass(compute_decoder_geometry(autoencoder, chart), scale=3.0, floor=0.0)
     q, v = rng.normal(size=(2, 5, 2))

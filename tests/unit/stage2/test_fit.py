@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from lagsplat.chart.trajectory import EncodedTrajectory
+from lagsplat.io.files.artifact import load_artifact, save_artifact
 from lagsplat.stage2.config import (
     FloorConfig,
     LikelihoodConfig,
@@ -15,7 +16,7 @@ from lagsplat.stage2.config import (
 )
 from lagsplat.stage2.fit import choose_time_unit, fit_dynamics, load_dynamics, save_dynamics
 from lagsplat.stage2.rollout import rollout
-from tests.stage2_problems import form
+from tests.stage2_problems import form, random_lagrangian
 
 DT_S, FREQUENCY_HZ, DECAY_PER_S = 1.0 / 60.0, 1.5, 0.4
 
@@ -83,6 +84,22 @@ def test_same_seed_same_result_and_a_file_gives_the_same_forecast(tmp_path: Path
     torch.testing.assert_close(
         rollout(again, q, v, inputs, dt_s=DT_S), rollout(first, q, v, inputs, dt_s=DT_S), rtol=0, atol=0
     )
+
+
+def test_a_law_of_other_settings_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "dynamics.safetensors"
+    save_dynamics(path, random_lagrangian(1, 0, 0), {})
+    tensors, header = load_artifact(path)
+    settings = header["dynamics"]
+    for changed, message in (
+        ({name: value for name, value in settings.items() if name != "integrator"}, "has no integrator"),
+        ({**settings, "form": {**settings["form"], "springs": 2}}, "has an unknown springs"),
+    ):
+        save_artifact(path, tensors, {**header, "dynamics": changed})
+        with pytest.raises(
+            ValueError, match=f"'dynamics' {message}; version .* wrote it. Make the file again"
+        ):
+            load_dynamics(path)
 
 
 def test_a_fixed_rest_stays_and_the_published_start_runs() -> None:
