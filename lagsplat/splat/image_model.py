@@ -63,9 +63,9 @@ def rasterize(
         background: RGB where the transmittance is left.
         height, width: Size of the images [px].
         backend: ``"torch"`` is the specification: any dtype and device, by autograd, with memory for about
-            10 B K H W numbers. ``"numba"`` draws float32 on the CPU with ``numba.get_num_threads()`` threads;
-            its first call on a machine compiles the kernels (seconds). ``"gsplat"`` draws float32 on CUDA.
-            ``"auto"`` takes the fastest on the tensors' device.
+            10 B K H W numbers. ``"numba"`` draws float32 on the CPU with ``numba.get_num_threads()`` threads,
+            whose number changes no bit; its first call on a machine compiles the kernels (seconds).
+            ``"gsplat"`` draws float32 on CUDA. ``"auto"`` takes the fastest on the tensors' device.
 
     Raises:
         ValueError: shapes, types or devices do not match, or the rasteriser is unknown or draws no such

@@ -30,33 +30,44 @@ from lagsplat.splat.image_model import ALPHA_MAX
 
 BEHIND, STRIDE = 5 * tiles.PITCH, 6 * tiles.PITCH
 SIXTEEN = np.float32(16.0)
+# A batch is summed in parts, as many whatever the number of threads: so rounding does not depend on it. Most
+# numbers of threads share 24 evenly.
+PARTS = 24
+# With fewer frames, each is divided into shares of its tiles, so that there are at least so many tasks.
+FEWEST_TASKS = 8
 
 
 @compiled(parallel=True)
-def backward(spots, slices, color, background, state, grad, workers):
+def backward(spots, slices, color, background, state, grad):
     """Gradients of the loss with respect to the spots' X, Y, OPACITY, and to the slices and colours.
 
-    ``state`` is the forward kernel's, ``grad`` the gradient of its images, ``workers`` the number of threads.
-    The first gradients come as (shares, B, K, 3), the others (SLOPE, PRECISION_X, PRECISION_Y, red, green,
-    blue) as (workers, 1, K, 6), or (shares, B, K, 6) where each frame has its own slices. The caller sums
-    over the first axis. A frame is split into shares only if there are fewer frames than workers.
+    ``state`` is the forward kernel's, ``grad`` the gradient of its images. The first gradients come as
+    (shares, B, K, 3), the others (SLOPE, PRECISION_X, PRECISION_Y, red, green, blue) as (parts, 1, K, 6), or
+    (shares, B, K, 6) where each frame has its own slices. The caller sums over the first axis.
     """
     batch, count = len(spots), slices.shape[1]
     height, width = grad.shape[2:]
     number = tiles.count_tiles(height, width)
-    shares = min(number, (workers + batch - 1) // max(batch, 1))
-    spot_grad = np.zeros((shares, batch, count, 3), np.float32)
+    shares = min(number, (FEWEST_TASKS + batch - 1) // max(batch, 1))
+    tasks = batch * shares
+    parts = min(PARTS, tasks)
     single = len(slices) == 1
-    shared_grad = np.zeros((workers if single else shares, len(slices), count, 6), np.float32)
-    for thread in prange(workers):
-        worker = np.int64(thread)
-        for task in range(worker, batch * shares, workers):
+    # Each part clears its own just before use: memory that is cleared elsewhere has left the cache by then.
+    spot_grad = np.empty((shares, batch, count, 3), np.float32)
+    shared_grad = np.empty((parts if single else shares, len(slices), count, 6), np.float32)
+    for index in prange(parts):
+        part = np.int64(index)
+        first, end = part * tasks // parts, (part + 1) * tasks // parts
+        for task in range(first, end):
             frame, share = task // shares, task % shares
             own = frame % len(slices)
-            for part in range(share, number, shares):
-                window = tiles.place(part, height, width)
+            into = shared_grad[part if single else share, own]
+            if task == first or not single:
+                into[:] = ZERO
+            spot_grad[share, frame] = ZERO
+            for at in range(share, number, shares):
+                window = tiles.place(at, height, width)
                 tile = fill(state[frame], grad[frame], background, window)
-                into = shared_grad[worker if single else share, own]
                 undraw(spot_grad[share, frame], into, tile, spots[frame], slices[own], color[own], window)
     return spot_grad, shared_grad
 

@@ -2,7 +2,6 @@
 
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -77,9 +76,9 @@ class _Rasterize(torch.autograd.Function):
         slices, color, background = ctx.saved_tensors
         grad = grad.contiguous()
         arrays = (ctx.spots.array, slices.numpy(), color.numpy(), background.numpy(), ctx.state, grad.numpy())
-        spot_grad, shared_grad = backward(*arrays, numba.get_num_threads())
-        spots = torch.from_numpy(spot_grad.sum(0) if len(spot_grad) > 1 else spot_grad[0])
-        shared = torch.from_numpy(shared_grad.sum(0) if len(shared_grad) > 1 else shared_grad[0])
+        spot_grad, shared_grad = backward(*arrays)
+        spots = torch.from_numpy(spot_grad[0] if len(spot_grad) == 1 else spot_grad.sum(0))
+        shared = torch.from_numpy(shared_grad[0] if len(shared_grad) == 1 else shared_grad.sum(0))
         transmittance = torch.from_numpy(ctx.state[:, 0])
         slices_grad = torch.nn.functional.pad(shared[..., :3], (0, 2))
         background_grad = (grad * transmittance[:, None]).sum(dim=(0, 2, 3))
