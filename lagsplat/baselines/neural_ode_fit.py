@@ -15,7 +15,7 @@ from lagsplat.baselines.config import OdeConfig
 from lagsplat.baselines.neural_ode import STRUCTURES, LatentOde
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.checkpoint import load_training_state, save_training_state
-from lagsplat.stage1.training import run_training
+from lagsplat.stage1.training import decay_by_cosine, run_training
 
 EARLY = 0.25  # share of the full window length at the start of the training
 
@@ -61,9 +61,8 @@ def fit_ode(
     curve = load_training_state(checkpoint, ode, optimizer, OdeCurvePoint, identity=identity)
 
     def take_step(step: int) -> np.ndarray:
-        wave = 0.5 * (1 + math.cos(math.pi * step / config.steps))
         for group in optimizer.param_groups:
-            group["lr"] = config.rate * (config.final_fraction + (1 - config.final_fraction) * wave)
+            group["lr"] = config.rate * decay_by_cosine(step, config.steps, final=config.final_fraction)
         # windows grow over the first half of the training
         share = min(1.0, EARLY + (1 - EARLY) * 2 * step / config.steps)
         length = max(4, min(window, math.ceil(share * window)))

@@ -1,6 +1,5 @@
 """The reconstruction loss that stage 1 minimises, and its optimiser with step size schedule."""
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from lagsplat.splat.losses import anisotropy, nonlocal_filter, structural_dissim
 from lagsplat.splat.projection import View
 from lagsplat.stage1.autoencoder import Autoencoder
 from lagsplat.stage1.config import LossConfig, RateConfig
+from lagsplat.stage1.training import decay_by_cosine
 
 
 class ReconstructionLoss(NamedTuple):
@@ -110,7 +110,6 @@ def group_parameters(
 def set_rates(optimizer: torch.optim.Optimizer, config: RateConfig, *, step: int, steps: int) -> None:
     """Set each group's rate: linear warm-up, then a half cosine from the peak to its final fraction."""
     warmup = min(1.0, (step + 1) / max(config.warmup_steps, 1))
-    cosine = 0.5 * (1 + math.cos(math.pi * step / steps))
-    factor = warmup * (config.final_fraction + (1 - config.final_fraction) * cosine)
+    factor = warmup * decay_by_cosine(step, steps, final=config.final_fraction)
     for group in optimizer.param_groups:
         group["lr"] = group["peak"] * factor

@@ -1,5 +1,6 @@
-"""The training loop of stage 1 and of the baselines: steps, curve, progress bar and checkpoints."""
+"""Training of stage 1 and of the baselines: steps, rates, curve, progress bar and checkpoints."""
 
+import math
 import time
 from collections.abc import Callable, Collection
 from typing import Any, TypeVar
@@ -57,3 +58,8 @@ def run_training(
             if time.monotonic() - saved_at > save_every_s:
                 save()
                 saved_at = time.monotonic()
+
+
+def decay_by_cosine(step: int | float, steps: int, *, final: float, initial: float = 1.0) -> float:
+    """A value that goes from ``initial`` to ``final`` on a half cosine, after ``step`` of ``steps``."""
+    return final + (initial - final) * (0.5 * (1.0 + math.cos(math.pi * step / steps)))

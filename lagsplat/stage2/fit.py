@@ -5,7 +5,6 @@ published, they begin with constant matrices and are trained on single steps; th
 its rollout error over the training clip, and steps after which the loss explodes are rolled back.
 """
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -24,6 +23,7 @@ from torch import Tensor
 
 from lagsplat.chart.trajectory import EncodedTrajectory
 from lagsplat.io.files.artifact import load_artifact, require_settings, restore_module, save_artifact
+from lagsplat.stage1.training import decay_by_cosine
 from lagsplat.stage2 import objective
 from lagsplat.stage2.amplitude import measure_quietest_frequency
 from lagsplat.stage2.config import FormConfig, Stage2Config
@@ -548,9 +548,9 @@ class DynamicsFit:
         optimizer = torch.optim.Adam(_group_parameters(lagrangian, lr), fused=True)
         peaks = [group["lr"] for group in optimizer.param_groups]
         for i in range(steps):
-            warmup = min(1.0, (i / steps + 1e-3) / 0.05)
-            cosine = 0.5 * (1.0 + math.cos(math.pi * (i / steps)))
-            schedule = warmup * (config.final_fraction + (1.0 - config.final_fraction) * cosine)
+            done = i / steps
+            warmup = min(1.0, (done + 1e-3) / 0.05)
+            schedule = warmup * decay_by_cosine(done, 1, final=config.final_fraction)
             for group, peak in zip(optimizer.param_groups, peaks, strict=True):
                 group["lr"] = peak * (rollback.rate_factor * schedule)
             optimizer.zero_grad()

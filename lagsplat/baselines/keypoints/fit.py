@@ -1,7 +1,6 @@
 """Train a key-point forecaster, phase by phase: what each phase fits, its loss and its step sizes."""
 
 import logging
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from lagsplat.baselines.keypoints.model import Forecaster
 from lagsplat.io.files.checkpoint import load_checkpoint, save_checkpoint
 from lagsplat.splat.losses import structural_dissimilarity
 from lagsplat.stage1.autoencoder import to_images
-from lagsplat.stage1.training import run_training
+from lagsplat.stage1.training import decay_by_cosine, run_training
 
 log = logging.getLogger(__name__)
 FRESH_NEIGHBOURS = 100  # steps between two searches for the nearest key points
@@ -200,8 +199,7 @@ class ForecasterFit:
         for group in self.optimizer.param_groups:
             first, last = group["ends"]
             if moment.phase == "graph":
-                wave = 0.5 * (1 + math.cos(math.pi * moment.inner / moment.length))
-                group["lr"] = last + (first - last) * wave
+                group["lr"] = decay_by_cosine(moment.inner, moment.length, initial=first, final=last)
             else:
                 group["lr"] = first * (last / first) ** (done / sum(steps[:-1]))
 
