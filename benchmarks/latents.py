@@ -9,7 +9,6 @@ explains: fitted to every second frame, measured on the others, relative to the 
 import sys
 import time
 from dataclasses import replace
-from itertools import combinations_with_replacement
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from jaxtyping import Float64
 
 from lagsplat.array_types import Series
 from lagsplat.chart.chart import load_chart
+from lagsplat.integer_lists import list_powers
 from lagsplat.io.recording.recording import load_recording
 from lagsplat.stage1.autoencoder import load_autoencoder
 from lagsplat.systems.truth import load_truth
@@ -28,8 +28,9 @@ MOST = 3000  # frames, evenly spaced
 def list_features(states: Series) -> Series:
     """Monomials of standardised states up to `DEGREE`."""
     x = (states - states.mean(0)) / states.std(0)
-    chosen = [c for n in range(DEGREE + 1) for c in combinations_with_replacement(range(x.shape[1]), n)]
-    return np.stack([np.prod(x[:, list(c)], axis=1) for c in chosen], axis=1)
+    d = x.shape[1]
+    powers = list_powers(d, lowest=0, highest=DEGREE)
+    return np.stack([np.prod(x[:, np.repeat(np.arange(d), power)], axis=1) for power in powers], axis=1)
 
 
 def measure_error(latents: Series, states: Series) -> Float64[np.ndarray, " d"]:

@@ -7,13 +7,13 @@ twice as far from its center as any state in four coordinates.
 """
 
 from collections.abc import Sequence
-from itertools import combinations_with_replacement
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from lagsplat.array_types import Latents
+from lagsplat.integer_lists import list_powers
 
 # The numbers below were set by hand, with both simulated arms and the toy in view.
 ROOM = 0.25  # of the radius of the ball, by which the clipped state leaves it at most
@@ -47,12 +47,7 @@ def draw_states(ball: Ball, n: int, *, reach: float, seed: int) -> Latents:
 
 def list_exponents(d: int, *, lowest: int, highest: int) -> Float[Tensor, "k d"]:
     """Exponents of all monomials of ``d`` variables of the degrees ``lowest`` to ``highest``, by degree."""
-    rows = [
-        [chosen.count(i) for i in range(d)]
-        for degree in range(lowest, highest + 1)
-        for chosen in combinations_with_replacement(range(d), degree)
-    ]
-    return torch.tensor(rows, dtype=torch.float64).reshape(-1, d)
+    return torch.from_numpy(list_powers(d, lowest=lowest, highest=highest)).double()
 
 
 class SoftClip:

@@ -24,6 +24,7 @@ PAGES = [
 ]
 ROOMS = (
     "array_types",
+    "integer_lists",
     "normal_equations",
     "monomials",
     "setting_checks",

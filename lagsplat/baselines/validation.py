@@ -10,6 +10,7 @@ from torch import nn
 from lagsplat.array_types import Images, Inputs
 from lagsplat.baselines.config import BaselineValidationConfig
 from lagsplat.baselines.model import Baseline
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import to_images
 
@@ -53,8 +54,7 @@ class ForecastValidation:
                 f"{train.source}: the last {config.share:.0%} of the training part have no clip of "
                 f"{self.n_ahead + 2} frames to forecast; raise baseline.validation.share, or set it to 0"
             )
-        chosen = np.linspace(0, len(starts) - 1, min(config.starts, len(starts))).round().astype(int)
-        self.starts = torch.from_numpy(starts[chosen])
+        self.starts = torch.from_numpy(starts[choose_evenly(len(starts), config.starts)])
 
     def images(self, at: torch.Tensor) -> Images:
         """The images of these frames."""

@@ -11,6 +11,7 @@ from lagsplat.evaluate import protocol
 from lagsplat.evaluate.aggregate import group_windows, jackknife_interval
 from lagsplat.evaluate.config import EvaluateConfig
 from lagsplat.evaluate.protocol import EvaluationSeries, EvaluationSubject, squared_norm
+from lagsplat.integer_lists import choose_evenly
 
 BAND = (16.0, 84.0)  # percentiles over starts
 LEAST = 3  # fewest states of a rollout whose error is given over time
@@ -202,8 +203,7 @@ def measure_autoencoder_floor(subject: EvaluationSubject, *, most: int) -> dict[
     Source: paper, Metrics, the AE floor.
     """
     held = subject.held
-    spaced = np.linspace(held.skip, held.n_frames - 1, min(most, held.n_frames - held.skip))
-    frames = np.unique(spaced.round().astype(np.int64))
+    frames = held.skip + choose_evenly(held.n_frames - held.skip, most)
     parts = np.array_split(frames, max(1, len(frames) // 64))
     errors = np.concatenate([_floor_errors(subject, part) for part in parts])
     return {

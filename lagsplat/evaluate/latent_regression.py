@@ -13,12 +13,11 @@ from jaxtyping import Float64, Int64
 from lagsplat.evaluate.protocol import (
     EvaluationSeries,
     Integrate,
-    choose_evenly,
     initial_states,
     roll_out,
     squared_norm,
 )
-from lagsplat.monomials import list_exponents
+from lagsplat.integer_lists import choose_evenly, list_powers
 
 DEGREES = (1, 2, 3)  # of the monomials among which a Koopman law is chosen
 KEPT_BACK = 0.2  # share of the training frames, the last ones, by which it is chosen
@@ -115,7 +114,7 @@ def _measure_scale(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _fit_lifted(train: EvaluationSeries, frames: Int64[np.ndarray, " k"], degree: int) -> Integrate:
     now, after, inputs = list_pairs(train, frames)
     center, spread = _measure_scale(now)
-    powers = list_exponents(now.shape[1], lowest=0, highest=degree).numpy()
+    powers = list_powers(now.shape[1], lowest=0, highest=degree)
 
     def lift(state: States) -> Float64[np.ndarray, "B k"]:
         return np.prod(((state - center) / spread)[:, None] ** powers, axis=2)

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float64
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.forces.accuracy import are_alike, to_shape_error
-from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.grasp import follow_places
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.matter.field import MatterField
 from lagsplat.systems.dynamics import differentiate
 from lagsplat.systems.pushable import Pushable

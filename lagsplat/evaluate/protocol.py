@@ -227,8 +227,3 @@ def pin_diverged(rollouts: Rollouts, *, bound: float) -> tuple[Rollouts, Bool[np
 def squared_norm(vectors: np.ndarray, metric: np.ndarray) -> np.ndarray:
     """Squared length of the vectors on the last axis, ``v^T G v``."""
     return np.einsum("...i,ij,...j->...", vectors, metric, vectors)
-
-
-def choose_evenly(count: int, most: int) -> Int64[np.ndarray, " chosen"]:
-    """At most ``most`` of the numbers from 0 to ``count - 1``, evenly spaced, both ends among them."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.int64))

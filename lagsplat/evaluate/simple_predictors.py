@@ -21,6 +21,7 @@ from lagsplat.evaluate.latent_regression import (
     select_frames,
 )
 from lagsplat.evaluate.protocol import EvaluationSeries, Integrate, initial_states, list_series, squared_norm
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder
 
@@ -80,7 +81,7 @@ def _repeat(q: np.ndarray, inputs: np.ndarray) -> np.ndarray:
 def draw_mean_image(recording: Recording) -> Callable[[np.ndarray], np.ndarray]:
     """A function that draws the mean of the training images for any state."""
     n_train = recording.split()[0].n_frames
-    frames = np.unique(np.linspace(0, n_train - 1, min(MOST_FRAMES, n_train)).round().astype(np.int64))
+    frames = choose_evenly(n_train, MOST_FRAMES)
     pictures = make_picture_reader(recording, first=0)
     total = sum(pictures(part).sum(axis=0, dtype=np.float64) for part in np.array_split(frames, len(frames)))
     mean = (total / len(frames)).astype(np.float32)
@@ -105,7 +106,7 @@ def make_neighbour_search(train: EvaluationSeries) -> Integrate:
     Source: forecasts by analogues, DOI 10.1175/1520-0469(1969)26<636:APARBN>2.0.CO;2.
     """
     frames = select_frames(train, ahead=1)
-    frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(np.int64))]
+    frames = frames[choose_evenly(len(frames), MOST_FRAMES)]
     q, v = initial_states(train, frames)
     last = np.array([next(stop for start, stop in train.segments if start <= at < stop) for at in frames]) - 1
     spread_q, spread_v = (_spread(series, train.metric) for series in (q, v))

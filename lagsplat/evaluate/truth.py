@@ -1,7 +1,6 @@
 """Compare learned physics with the truth of a simulated recording, which training never used."""
 
 from collections.abc import Callable, Sequence
-from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lagsplat.chart.chart import Chart
 from lagsplat.evaluate.modes import fit_modes
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly, list_powers
 from lagsplat.stage2.equilibrium import (
     LinearizedModes,
     NoEquilibriumError,
@@ -278,8 +277,6 @@ def fit_polynomial(
 
 
 def _monomials(q: np.ndarray) -> np.ndarray:
-    columns = [np.ones(len(q))]
-    for degree in range(1, DEGREE + 1):
-        for chosen in combinations_with_replacement(range(q.shape[1]), degree):
-            columns.append(np.prod(q[:, list(chosen)], axis=1))
-    return np.stack(columns, axis=1)
+    d = q.shape[1]
+    powers = list_powers(d, lowest=0, highest=DEGREE)
+    return np.stack([np.prod(q[:, np.repeat(np.arange(d), power)], axis=1) for power in powers], axis=1)

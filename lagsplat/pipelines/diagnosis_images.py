@@ -29,7 +29,7 @@ from lagsplat.diagnose.residual.error_budget import forecast_positions
 from lagsplat.diagnose.residual.latent_force import LatentForceEstimate
 from lagsplat.diagnose.simulators.fitted_run import convert_to_latents
 from lagsplat.evaluate.forecast import image_errors
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.pipelines.diagnosis_videos import RecordedTrajectory, RecordingPair
 from lagsplat.report.diagnosis.content import ImageErrorMap, ImageForceMap, ReportContent, VideoComparison

@@ -15,7 +15,7 @@ from lagsplat.diagnose.imaging.rendering import compute_decoding_errors
 from lagsplat.diagnose.imaging.video_checks import CameraShift, check_camera, measure_camera_shift
 from lagsplat.diagnose.residual.error_budget import PerceptionQuality, assess_perception
 from lagsplat.diagnose.simulators.fitted_run import convert_to_law, read_chart_trajectory
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.read import read_trajectory
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.sources import DataSource, find_sources

@@ -16,6 +16,7 @@ from jaxtyping import Float64, Int64
 
 from lagsplat.diagnose.core.config import ESTIMATION
 from lagsplat.diagnose.estimation.dataset import Dataset, WindowSet
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.normal_equations import EliminatedStates, NormalEquations, eliminate_states
 
 PredictionFunction = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -250,8 +251,7 @@ def choose_windows(fit: ShootingFit, length: Int64[np.ndarray, " W"], most: int)
     Those of which it leaves the most are among them: there an effect that acts rarely acts.
     """
     left = measure_windows(fit.residual, length)
-    spaced = np.linspace(0, len(left) - 1, min(len(left), most)).round().astype(np.int64)
-    return np.sort(np.argsort(-left)[spaced])
+    return np.sort(np.argsort(-left)[choose_evenly(len(left), most)])
 
 
 def compute_autocorrelation_time(residual: Float64[np.ndarray, "W L d"], length: np.ndarray) -> float:

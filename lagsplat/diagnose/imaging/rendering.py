@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from lagsplat.chart.chart import Chart
 from lagsplat.diagnose.core.config import IMAGES
 from lagsplat.evaluate.forecast import image_errors
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.stage1.autoencoder import Autoencoder, decode_latents
 

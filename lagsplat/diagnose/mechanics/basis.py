@@ -7,12 +7,13 @@ integer combination of angles. Functions are sorted by degree, so that a coarser
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, combinations_with_replacement
 from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from numba import njit
+
+from lagsplat.integer_lists import list_powers
 
 POWER, COSINE, SINE = 0, 1, 2  # the kinds of basis functions, as the compiled code takes them
 
@@ -78,9 +79,7 @@ def make_polynomial_basis(
     degree: int, *, centre: Float64[np.ndarray, " d"], scale: Float64[np.ndarray, " d"]
 ) -> Basis:
     """All monomials of the scaled coordinates up to ``degree``, the constant first."""
-    d = len(centre)
-    factors = chain.from_iterable(combinations_with_replacement(range(d), k) for k in range(degree + 1))
-    order = np.array([[each.count(i) for i in range(d)] for each in factors], dtype=np.int64)
+    order = list_powers(len(centre), lowest=0, highest=degree)
     return Basis(np.full(len(order), POWER), order, np.asarray(centre, float), np.asarray(scale, float))
 
 

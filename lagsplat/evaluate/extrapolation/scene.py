@@ -16,8 +16,9 @@ from lagsplat.evaluate.config import ExtrapolationConfig
 from lagsplat.evaluate.evaluate import make_picture_reader, require_same_run
 from lagsplat.evaluate.forecast import image_errors
 from lagsplat.evaluate.modes import fit_modes, root_of_metric
-from lagsplat.evaluate.protocol import Pictures, choose_evenly
+from lagsplat.evaluate.protocol import Pictures
 from lagsplat.evaluate.spectrum import resample_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.io.recording.segments import find_crossing_frames
 from lagsplat.stage1.autoencoder import CHUNK, Autoencoder, decode_latents

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Bool, Float64, Int64
 
 from lagsplat.evaluate.forces.known_forces import KnownForces
-from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.grasp import follow_places
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import NoScaleError, OperatingPoint, fit_energy_scale
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.matter.field import MaterialPoints
 
 OTHERS = 40  # maximum number of other pokes used to estimate the energy scale again

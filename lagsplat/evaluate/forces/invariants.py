@@ -9,12 +9,12 @@ from scipy.optimize import minimize, root
 from scipy.stats import spearmanr
 
 from lagsplat.array_types import Latent
-from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.moving_parts import MovingParts, choose_background_points
 from lagsplat.forces.operating_point import OperatingPoint
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.matter.field import join_points
 from lagsplat.stage2.equilibrium import compute_loaded_energy
 

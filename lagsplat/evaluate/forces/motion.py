@@ -11,7 +11,6 @@ from torch import Tensor
 from lagsplat.evaluate.forces import accuracy
 from lagsplat.evaluate.forces.invariants import force_invariants
 from lagsplat.evaluate.forces.known_forces import KnownForces, simulate_known_forces
-from lagsplat.evaluate.protocol import choose_evenly
 from lagsplat.evaluate.truth import fit_polynomial
 from lagsplat.forces.config import ForcesConfig
 from lagsplat.forces.grasp import GraspPoint
@@ -19,6 +18,7 @@ from lagsplat.forces.loaded_lagrangian import rollout_under_force
 from lagsplat.forces.loads import PointLoad
 from lagsplat.forces.operating_point import NoScaleError, OperatingPoint
 from lagsplat.forces.ray import RayHit, cast_ray, find_matter_depth, place_on_ray
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.stage2.equilibrium import compute_static_stiffness
 from lagsplat.systems.config import ReleaseConfig, SimulationConfig
 from lagsplat.systems.dynamics import differentiate

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lagsplat.evaluate.material_paths import MaterialPaths
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.matter.field import MatterField
 from lagsplat.report.common.style import PAGE_IN, new_figure, paper_style
 from lagsplat.views.camera import project_by_lens

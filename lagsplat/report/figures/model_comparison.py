@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from lagsplat.baselines.model import Baseline
 from lagsplat.baselines.networks import AttentionDecoder, compute_attention_centres
 from lagsplat.evaluate.novel_views import draw_novel_view
-from lagsplat.evaluate.protocol import EvaluationSubject, choose_evenly, roll_out
+from lagsplat.evaluate.protocol import EvaluationSubject, roll_out
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.io.recording.recording import Recording
 from lagsplat.report.common.formatting import format_number
 from lagsplat.report.common.style import PAGE_IN, PREDICTED, add_colorbar, new_figure, paper_style
@@ -148,7 +149,7 @@ def draw_novel_views(
     Where no camera is held out, those of the training are drawn. The error is the mean over channels.
     """
     cameras = np.flatnonzero(views.held_out) if views.held_out.any() else np.array(views.seen)
-    instants = np.linspace(0, recording.n_frames - 1, N_COLUMNS).round().astype(int)
+    instants = choose_evenly(recording.n_frames, N_COLUMNS)
     chosen = [(int(cameras[i % len(cameras)]), int(instant)) for i, instant in enumerate(instants)]
     n_train = recording.split()[0].n_frames
     latents = encode_frames(autoencoder, np.asarray(recording.frames[instants]))

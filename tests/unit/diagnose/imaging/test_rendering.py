@@ -10,7 +10,7 @@ from lagsplat.diagnose.imaging.rendering import (
     read_frames,
     render_latents,
 )
-from lagsplat.evaluate.protocol import choose_evenly
+from lagsplat.integer_lists import choose_evenly
 from lagsplat.report.figures.forces import turn_camera
 from tests.unit.evaluate import tiny_run
 from tests.unit.forces.solid import turning
@@ -21,12 +21,6 @@ def parts():
     film = tiny_run.recording(200, tail=60)
     model = tiny_run.autoencoder()
     return model, tiny_run.chart(model, film), film
-
-
-def test_frames_are_chosen_evenly_with_both_ends():
-    np.testing.assert_array_equal(choose_evenly(5, 9), np.arange(5))
-    chosen = choose_evenly(1000, 11)
-    assert (chosen[0], chosen[-1], len(chosen)) == (0, 999, 11)
 
 
 def test_the_error_of_a_drawn_frame_is_that_of_the_picture_at_its_own_latents(parts):
