@@ -197,17 +197,15 @@ def _equilibrium_rows(
     to_states = fit_polynomial(smooth[known], truth.states[known])
     motion = truth.states.std(axis=0)
     missed = np.sqrt(np.mean((to_states(smooth[unseen]) - truth.states[unseen]) ** 2, axis=0))
+    compared = [_name_equilibrium(title) for title in truth.coordinates]
     try:
         latent = find_equilibrium(lagrangian).numpy()
     except NoEquilibriumError:
-        names = enumerate(truth.coordinates)
-        return [_row(f"equilibrium, {name}", None, float(truth.rest[i])) for i, name in names]
+        return [_row(of, None, float(rest)) for of, rest in zip(compared, truth.rest, strict=True)]
     learned = to_states(latent[None])[0]
     errors, residuals = np.abs(learned - truth.rest) / motion, missed / motion
     rows = []
-    for i, title in enumerate(truth.coordinates):
-        name, _, unit = title.removesuffix("]").partition(" [")
-        of = ComparedQuantity("equilibrium", unit or None, "law", AT_REST, coordinate=name)
+    for i, of in enumerate(compared):
         row = _row(of, float(learned[i]), float(truth.rest[i]))
         row |= {"error": float(errors[i]), "residual": float(residuals[i])}
         if spread:
@@ -216,6 +214,12 @@ def _equilibrium_rows(
             row |= dict(zip(("low", "high"), ends.tolist(), strict=True))
         rows.append(row)
     return rows
+
+
+def _name_equilibrium(coordinate: str) -> ComparedQuantity:
+    """That of a coordinate, which is called by its name and its unit in brackets."""
+    name, _, unit = coordinate.removesuffix("]").partition(" [")
+    return ComparedQuantity("equilibrium", unit or None, "law", AT_REST, coordinate=name)
 
 
 def _row(
