@@ -14,7 +14,7 @@ with Job(snakemake) as job:
     latents = chart.to_raw(chart.latents[: chart.n_train])
     maps, measures = {}, {}
     for path in job.input.models:
-        decoder, header = load_planar_decoder(path, config, d=chart.d)
+        decoder, header = load_planar_decoder(path)
         found, maps[decoder.kind] = compute_velocity_field(
             decoder, train.frames, latents, moment, window=job.params.window, neighbours=config.neighbours
         )
