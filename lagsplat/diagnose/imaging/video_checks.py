@@ -149,7 +149,7 @@ def _measure_within(recording: Recording) -> float | None:
         stride = -(-(stop - start) // VIDEO_CHECKS.max_frames)
         images = make_small_grey(np.asarray(recording.frames[start:stop:stride]), most=10**9)
         path = track_background([image.astype(np.uint8) for image in images])
-        if path is not None and np.isfinite(path[:, 0]).any():
+        if path is not None and np.isfinite(path).any():
             paths.append(measure_path(path).rms_px * recording.width / images.shape[2])
     return max(paths, default=None)
 
@@ -160,7 +160,8 @@ def _measure_between(recording: Recording, nominal: Recording) -> tuple[float, f
     path = track_background(grey)
     if path is None or not np.isfinite(path).all():
         return None
-    return float(path[1, 0]), float(path[1, 1])
+    x, y = path[1].mean(axis=0)
+    return float(x), float(y)
 
 
 def _compute_median_image(recording: Recording) -> np.ndarray:
