@@ -165,7 +165,7 @@ def fit_dynamics(autoencoder: Autoencoder, chart: Chart, *overrides: str, seed: 
     Example:
         >>> import lagsplat
         >>> run = lagsplat.open_run("run")
-        >>> short = ["system=toy", "stage2.steps=0", "stage2.start.iterations=2"]
+        >>> short = ["system=toy", "stage2.likelihood.iterations=2"]
         >>> lagsplat.fit_dynamics(run.autoencoder, run.chart, *short).d
         2
     """

@@ -56,7 +56,7 @@ from tests.campaign.visitor import Visitor, act_at_random
 
 SMALL = (  # a driven arm of 300 small frames
     *("profile=toy", "system=toy", "system.n_gaussians=128", "simulation.n_frames=300"),
-    *("stage1.steps=200", "chart.visibility_frames=4", "stage2.steps=0", "stage2.start.iterations=10"),
+    *("stage1.steps=200", "chart.visibility_frames=4"),
 )
 ENDLESS = ("stage1.steps=200000", "stage1.lifecycle.start=0.0", "stage1.checkpoint_every_s=5")
 SAMPLES = 720  # of a run

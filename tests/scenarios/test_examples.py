@@ -21,8 +21,6 @@ TOY = (
     "simulation.n_frames=300",
     "stage1.steps=300",
     "chart.visibility_frames=4",
-    "stage2.steps=0",
-    "stage2.start.iterations=10",
     "evaluate.starts=2",
 )
 SEARCH = ("families=3", "places=1", "starts=1", "iterations=4", "identify_iterations=6")

@@ -21,8 +21,6 @@ SMALL = (
     "stage1.steps=300",
     "chart.visibility_frames=4",
     *("matter.frames=400", "matter.bending=3", "matter.bodies=3"),  # those of a run that lacks matter
-    "stage2.steps=0",
-    "stage2.start.iterations=10",
     "evaluate.starts=2",
 )
 
