@@ -14,7 +14,10 @@ DASH_NOTE = "A dash: not measured, or not reported."
 BOLD_NOTE = "Bold: the best of those that can be compared."
 MOST_DIGITS = 4  # of a number with an interval
 MOST_LINES = 36  # of one float, which then stays with caption and notes below the height of a page
-MOST_COLUMNS = 6  # in the usual size of type
+TEXT_WIDTH_PT = 410.0  # of an article of two columns, at 10 points
+DIGIT_PT = 4.25  # width at \footnotesize; letters have about the same, and these half of it
+NARROW = frozenset(" .,:;'!|()[]ijlt")
+SMALLER = 0.9  # of a character in the next smaller type, to one in this
 # With booktabs loaded these three do nothing; without it the table still compiles.
 BOOKTABS_FALLBACK = (
     r"\providecommand{\toprule}{\hline}"
@@ -230,7 +233,9 @@ def _format_float(
         heading = rf"\multicolumn{{{len(table.columns)}}}{{@{{}}l}}{{\emph{{{escape_latex(title)}}}}} \\"
         body += [r"\midrule", *([heading] if title else [])]
         body += [_join([_cell_latex(*pair) for pair in zip(row, table.columns, strict=True)]) for row in rows]
-    size, gap_pt = ("scriptsize", 2.5) if len(table.columns) > MOST_COLUMNS else ("footnotesize", 3.5)
+    size, gap_pt = "footnotesize", 3.5
+    if _estimate_width_pt(table, gap_pt) > TEXT_WIDTH_PT:
+        size, gap_pt = "scriptsize", 2.5
     notes = escape_latex(" ".join(table.notes)) if is_first else ""
     below = [rf"\par\vspace{{3pt}}\parbox{{\textwidth}}{{\scriptsize\raggedright {notes}}}"] if notes else []
     return "\n".join(
@@ -251,6 +256,26 @@ def _format_float(
             "",
         ]
     )
+
+
+def _estimate_width_pt(table: PrintedTable, gap_pt: float) -> float:
+    """Width of a table at ``\\footnotesize``, from the characters of its cells and headings."""
+    width_pt = 2.0 * gap_pt * (len(table.columns) - 1)
+    for place, column in enumerate(table.columns):
+        if column.wrap_em is not None:
+            width_pt += 2.0 * DIGIT_PT * column.wrap_em
+            continue
+        cells = [row[place] for _, rows in table.blocks for row in rows]
+        widths = [
+            _count_digits(cell.text) + SMALLER * _count_digits(cell.small + cell.mark) for cell in cells
+        ]
+        width_pt += DIGIT_PT * max(_count_digits(column.title), _count_digits(column.below), *widths)
+    return width_pt
+
+
+def _count_digits(text: str) -> float:
+    """Width of a text in digits."""
+    return sum(0.5 if character in NARROW else 1.0 for character in text)
 
 
 def _split(blocks: Blocks) -> list[list[tuple[str, list[list[Cell]]]]]:

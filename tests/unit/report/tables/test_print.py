@@ -5,10 +5,17 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from benchmarks.published_tables import LAYOUTS, ROOT, list_published, read_titles
-from lagsplat.report.common.printed_table import PrintedTable, format_html, format_latex
+from lagsplat.report.common.printed_table import (
+    PrintedTable,
+    format_html,
+    format_latex,
+    lay_out,
+    make_text_column,
+)
 from lagsplat.report.common.table_rows import build_rows, build_table
 from lagsplat.report.tables.extrapolation import (
     build_extrapolation_table,
@@ -128,3 +135,13 @@ def test_a_page_has_the_same_content_and_needs_nothing_else(tables: list[Printed
     rows = sum(len(lines) for table in shown for _, lines in table.blocks)
     assert page.count("<tr>\n<td") == rows
     assert not re.search(r"https?:|src=|<script|<link", page)
+
+
+def test_the_type_is_smaller_where_cells_are_wide_not_where_they_are_many() -> None:
+    def write(text: str, count: int) -> str:
+        columns = [make_text_column("n", lambda _: text)] * count
+        frame = pd.DataFrame({"system": ["pendulum"], "recording": ["simulated"]})
+        return format_latex(lay_out(frame, columns, label="a", lead="A.", caption="", block=lambda _: ""))
+
+    assert r"\footnotesize" in write("0.5", 12)
+    assert r"\scriptsize" in write("0.75 [0.25, 1.25] of all of the frames", 4)
