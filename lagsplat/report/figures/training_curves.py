@@ -15,7 +15,6 @@ if TYPE_CHECKING:  # a curve is drawn without loading torch
     from lagsplat.chart.chart import Chart
 
 COLOURS = (style.PREDICTED, style.INPUTS[0], style.INPUTS[2], style.INPUTS[3], style.INPUTS[5], style.ENCODED)
-MIXED_STARTS = "the models were started at different frames; evaluate all with the same settings"
 ErrorOverTime = tuple[str, Mapping[str, Any]]
 N_BINS = 700
 CLOSE_UP_S = 10.0
@@ -35,11 +34,15 @@ def join_seeds(seeds: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
     drawn = [errors for errors in seeds if "reason" not in errors]
     if not drawn:
         return seeds[0]
-    if len({str(errors["starts"]) for errors in drawn}) > 1:
-        raise ValueError(MIXED_STARTS)
+    _require_same_starts(drawn)
     rows = {key: np.array([errors[key] for errors in drawn]) for key in ("median", "low", "high")}
     band = {"low": rows["low"].min(axis=0).tolist(), "high": rows["high"].max(axis=0).tolist()}
     return {**drawn[0], "median": np.median(rows["median"], axis=0).tolist(), **band, "seeds": len(drawn)}
+
+
+def _require_same_starts(found: Sequence[Mapping[str, Any]]) -> None:
+    if len({str(errors["starts"]) for errors in found}) > 1:
+        raise ValueError("the models were started at different frames; evaluate all with the same settings")
 
 
 def draw_horizon(ours: ErrorOverTime, peers: Mapping[str, Sequence[ErrorOverTime]], *, title: str) -> Figure:
@@ -59,8 +62,7 @@ def draw_horizon(ours: ErrorOverTime, peers: Mapping[str, Sequence[ErrorOverTime
     groups = {name: models for name, models in groups.items() if models}
     if not groups:
         raise ValueError(f"nothing to draw: {ours[1].get('reason', 'no group of models was given')}")
-    if len({str(errors["starts"]) for models in groups.values() for _, errors in models}) > 1:
-        raise ValueError(MIXED_STARTS)
+    _require_same_starts([errors for models in groups.values() for _, errors in models])
     with style.paper_style():
         errors = next(iter(groups.values()))[0][1]
         over = f"{len(errors['starts'])} starts" + (
@@ -82,7 +84,8 @@ def _draw_errors(axis: Axes, models: Sequence[ErrorOverTime]) -> None:
     axis.fill_between(
         errors["time_s"], errors["low"], errors["high"], color=COLOURS[0], alpha=0.2, linewidth=0
     )
-    for index, ((name, found), colour) in enumerate(zip(models, COLOURS, strict=False)):
+    for index, (name, found) in enumerate(models):
+        colour = COLOURS[index % len(COLOURS)]  # told apart by their dashes where there are more models
         dashes = style.INPUT_DASHES[index % len(style.INPUT_DASHES)]
         label = f"{name} ({found['seeds']})" if "seeds" in found else name
         axis.plot(found["time_s"], found["median"], color=colour, linestyle=dashes, label=label)

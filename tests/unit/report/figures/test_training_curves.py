@@ -24,6 +24,12 @@ def test_each_group_has_a_panel_with_ours_and_its_band():
         assert len({line.get_linestyle() for line in axis.lines[:2]}) == 2
 
 
+def test_every_model_is_drawn_however_many_there_are():
+    laws = [(f"law {i}", found(1e-3)) for i in range(9)]
+    (axis,) = draw_horizon(("ours", found(1e-4)), {"laws": laws}, title="t").axes
+    assert [line.get_label() for line in axis.lines][1:10] == [name for name, _ in laws]
+
+
 def test_seeds_are_one_line_and_their_bands_one_band():
     short = {"reason": "a short clip"}
     joined = join_seeds([found(1.0), short, found(2.0), found(6.0)])
